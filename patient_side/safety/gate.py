@@ -175,24 +175,29 @@ class StreamGate:
 
     def _of_acceleration(self, at_ns: int, new: _Known) -> Kind | None:
         """Return the fault of a newest sample whose velocity differs too much from the one before it."""
-        limits, last_ns, last = self.limits, self._at_ns[-1], self._known[-1]
-        i = bisect_left(self._at_ns, last_ns - BASE_NS + 1) - 1
-        if i < 0:
+        # Both velocities are of at least `BASE_NS`, so that of a fast arm at a high rate is no change of velocity.
+        limits, last = self.limits, self._before(at_ns)
+        base = -1 if last < 0 else self._before(self._at_ns[last])
+        if base < 0:
             return None
-        base = self._known[i]
-        before_s = (last_ns - self._at_ns[i]) / NS_PER_S
-        after_s = max(at_ns - last_ns, BASE_NS) / NS_PER_S
+        before_s = (self._at_ns[last] - self._at_ns[base]) / NS_PER_S
+        after_s = (at_ns - self._at_ns[last]) / NS_PER_S
         half_s = (before_s + after_s) / 2
-        after, before = minus(new.where, last.where), minus(last.where, base.where)
+        known, at_base = self._known[last], self._known[base]
+        after, before = minus(new.where, known.where), minus(known.where, at_base.where)
         if _change(after, after_s, before, before_s) > limits.acceleration_m_s2 * half_s + _NOISE_M / after_s:
             return "acceleration"
         most_rad_s = limits.turn_acceleration_rad_s2 * half_s + _NOISE_RAD / after_s
         # what the speed alone keeps within the limit needs no second turn, as nearly always
-        if _turns_more(last.turn, new.turn, (most_rad_s - limits.turn_rad_s) * after_s):
-            turned, before = _turn(last.turn, new.turn), _turn(base.turn, last.turn)
+        if _turns_more(known.turn, new.turn, (most_rad_s - limits.turn_rad_s) * after_s):
+            turned, before = _turn(known.turn, new.turn), _turn(at_base.turn, known.turn)
             if _change(turned, after_s, before, before_s) > most_rad_s:
                 return "turn_acceleration"
         return None
+
+    def _before(self, at_ns: int) -> int:
+        """Return the newest admitted sample at least `BASE_NS` before an instant; -1 without one."""
+        return bisect_left(self._at_ns, at_ns - BASE_NS + 1) - 1
 
     def _keep(self, at: int, at_ns: int, new: _Known) -> None:
         """Add an admitted sample in the order of instants; the oldest ones are forgotten."""

@@ -51,7 +51,10 @@ class LimitedFigures(Section):
     ticks: int = means("Ticks at which the set point in tracking was not the active estimate, by such a limit.")
     of_ticks: int = means("Ticks of the run.")
     off_mm: float | None = means("Longest distance between them at these ticks; `null` without any.")
-    field: LimitField | None = means("Field of patient.safety that was in the way at most of them.")
+    field: LimitField | None = means(
+        "Field of patient.safety that was in the way at most of them; `null` without any, and where the arm, which "
+        "begins at rest, had to catch up with a movement."
+    )
     by_movement: bool = means(
         "Whether the true movement itself goes beyond that limit; else only the estimate does.", default=False
     )
@@ -220,13 +223,17 @@ def _limited(
     which &= beyond | (t_ns - resumed_ns >= limits.cautious_ns)
     steps_m = np.linalg.norm(np.diff(driven.position_m, axis=0, prepend=driven.position_m[:1]), axis=1)
     fast = steps_m >= limits.usual.step * (1.0 - _ROUNDING)
-    by_field: dict[LimitField, int] = {
+    within = which & ~beyond & ~fast
+    begins = within & _not_yet_met(driven)
+    by_field: dict[LimitField | None, int] = {
         "workspace_m": int((which & beyond).sum()),
         "speed_m_s": int((which & ~beyond & fast).sum()),
-        "acceleration_m_s2": int((which & ~beyond & ~fast).sum()),
+        "acceleration_m_s2": int((within & ~begins).sum()),
+        None: int(begins.sum()),
     }
     field = max(by_field, key=lambda name: by_field[name])
     reached_m, most_m = {
+        None: (np.zeros((1, 3)), 0.0),
         "workspace_m": (truth_m - centre_m, limits.workspace_m),
         "speed_m_s": (np.diff(truth_m, axis=0), limits.usual.step),
         "acceleration_m_s2": (np.diff(truth_m, n=2, axis=0), limits.usual.change),
@@ -238,6 +245,14 @@ def _limited(
         field=field if which.any() else None,
         by_movement=bool(which.any() and (np.linalg.norm(reached_m, axis=1) > most_m).any()),
     )
+
+
+def _not_yet_met(driven: SetPoints) -> NDArray[np.bool_]:
+    """Return the ticks up to which the set point, which begins at rest, has not met a moving estimate."""
+    after_first = int(np.argmax(driven.mode == "tracking")) + 1
+    unmet = np.zeros(len(driven.differs), dtype=np.bool_)
+    unmet[after_first:] = np.logical_and.accumulate(driven.differs[after_first:])
+    return unmet
 
 
 def _stop_figures(limits: Limits, rate_hz: int, stops: Sequence[tuple[float, int]]) -> StopFigures:
@@ -284,6 +299,8 @@ _MAY: Final[Mapping[LimitField | None, str]] = {
 def _advice(found: LimitedFigures, swings: bool) -> str:
     if swings:
         return ": its loop of touch swings, and the limit holds that"
+    if found.field is None:
+        return ": the arm began at rest, within a movement, and had to catch up with it"
     limit = f"patient.safety.{found.field}"
     if found.by_movement:
         may = _MAY[found.field]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from tests.nodes import a_pose
-from tis.common.messages import Pose, Quaternion
+from tis.common.messages import Pose, Quaternion, Vector3
 from tis.common.scenario.safety import Gate
 from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
@@ -95,6 +95,21 @@ def test_a_turn_that_no_hand_makes_is_refused() -> None:
     gate = _gate()
     places = [0.0, 0.15, 0.30, 0.15]  # from 4.5 m/s to -4.5 m/s in 33 ms: 270 m/s^2
     assert [_send(gate, k, x) for k, x in enumerate(places)] == [None, None, None, "acceleration"]
+
+
+@pytest.mark.parametrize("rate_hz", [30, 200, 1000])
+def test_a_fast_arm_at_a_high_rate_is_no_change_of_velocity(rate_hz: int) -> None:
+    """A drone at 13 m/s in a circle of 7 m has 25 m/s^2, whatever the time between two samples is."""
+    limits = LIMITS._replace(reach_m=20.0, speed_m_s=50.0)
+    gate = StreamGate(SendPlan(rate_hz, 3000), (0.0, 0.0, 0.0), limits)
+    angles = 13.0 / 7.0 * np.arange(2 * rate_hz) / rate_hz
+    for k, angle in enumerate(angles):
+        at_ns = sample_instant_ns(k, rate_hz)
+        where = Vector3(x=7.0 * cos(angle), y=7.0 * sin(angle), z=0.0)
+        assert gate.refusal(replace(a_pose(0.0, sample_ns=at_ns), position_m=where), k, at_ns + DELAY_NS) is None
+    k, at_ns = len(angles), sample_instant_ns(len(angles), rate_hz)
+    back = replace(a_pose(0.0, sample_ns=at_ns), position_m=Vector3(x=7.0 * cos(angles[-1]), y=6.0, z=0.0))
+    assert gate.refusal(back, k, at_ns + DELAY_NS) in ("acceleration", "speed")
 
 
 def _turned(k: int, angle_deg: float, gripper_rad: float = 0.5) -> Pose:

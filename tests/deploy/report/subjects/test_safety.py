@@ -16,6 +16,7 @@ from tis.common.channels import FOLLOWER
 from tis.common.records import COUNTERS
 from tis.common.safety_records import STOPS, StopNote
 from tis.common.scenario import reading
+from tis.common.scenario.safety import Safety
 from tis.deploy.logs.read.load import load_run, models_in
 from tis.deploy.present.plot_style import time_range
 from tis.deploy.report.measured_run import MeasuredRun
@@ -23,15 +24,18 @@ from tis.deploy.report.plots.errors import safety_figure
 from tis.deploy.report.run_view import hand_view
 from tis.deploy.report.subjects.safety import (
     LimitedFigures,
+    SetPoints,
+    _limited,
     limit_texts,
     safety_summary,
     set_points,
     stop_texts,
 )
-from tis.deploy.report.subjects.tracking import track_of_hand
+from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder
+from tis.patient_side.safety.limits import limits_of
 
 _OUTAGE = "network.timeline=[{at_s: 3, for_s: 4, direction: forward, set: {outage: true}}]"
 
@@ -181,3 +185,19 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
         "a flood of 29006 requests to stop or to release: the patient carried out a stop and 2 releases, the others "
         "had no effect",
     ]
+
+
+def test_an_arm_that_begins_within_a_movement_has_to_catch_up_with_it() -> None:
+    """The estimate moves evenly from the first tick on, so nothing jumps, and no movement is beyond a limit."""
+    k = np.arange(180)
+    estimate_m = 0.05 * k[:, None] / 30 * np.array([1.0, 0.0, 0.0])
+    differs = (k > 0) & (k < 40)
+    driven = SetPoints(np.where(differs[:, None], 0.5 * estimate_m, estimate_m), np.full(180, "tracking"), differs)
+    scored = np.ones(180, dtype=np.bool_)
+    track = HandTrack(k * 10**9 // 30, k, estimate_m, {"hold": estimate_m}, scored, {})
+    limits = limits_of(Safety(cautious_ms=1.0), 30, None)
+    found = _limited(limits, driven, track, estimate_m, np.zeros(3))
+    assert (found.ticks, found.field, found.by_movement) == (39, None, False)
+    # what is shaped once it has met the estimate is not of the beginning
+    later = SetPoints(driven.position_m, driven.mode, np.roll(differs, 60))
+    assert _limited(limits, later, track, estimate_m, np.zeros(3)).field == "acceleration_m_s2"
