@@ -130,8 +130,11 @@ def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None
     if stands is not None:
         return LoopVerdict("not_decidable", over_s, None, stands)
     found = stability(shown, max(round(NS_PER_S / float(np.median(np.diff(t_ns)))), 1))
+    swing = swing_of(shown)
+    if found == "stable" and swing is not None and swing.growth_pct is not None:
+        found = "unstable"  # the intention has moved by more than a swing that is still small
     is_young = found == "stable" and over_s < _YOUNG_S
-    return LoopVerdict("not_yet" if is_young else found, over_s, swing_of(shown))
+    return LoopVerdict("not_yet" if is_young else found, over_s, swing)
 
 
 def _stands(shown: Frame) -> Literal["free", "still"] | None:

@@ -36,6 +36,10 @@ class StopFigures(Section):
         "Longest way of the set point after an emergency stop, until it stands; `null` without any."
     )
     time_ms: float | None = means("Longest time from the arrival of a stop until the set point stands.")
+    arm_way_mm: float | None = means(
+        "Longest way of a simulated arm, which goes on behind its set point, from the arrival of a stop until the "
+        "release; `null` without any."
+    )
     bound_mm: float = means(
         "Way that the limits of patient.safety allow after a stop, v\u00b2/(2a) at the largest speed."
     )
@@ -107,11 +111,14 @@ class SetPoints:
     mode: NDArray[np.str_]
     differs: NDArray[np.bool_]
 
-    def stops(self, stopped_ns: Sequence[int], t_ns: NDArray[np.int64]) -> list[tuple[float, int]]:
-        """Return the way in m and the time in ns of each emergency stop, from the request until the arm stands.
+    def stops(
+        self, stopped_ns: Sequence[int], t_ns: NDArray[np.int64], arm_m: Array | None = None
+    ) -> list[tuple[float, int, float | None]]:
+        """Return the way in m and the time in ns of each emergency stop, from the request until the set point stands.
 
         ``stopped_ns`` are the instants of the requests, ``t_ns`` (T,) those of the ticks. A stop before the first set
-        point, or one that a release ended before the arm stood, has neither.
+        point, or one that a release ended before it stood, has none. Last is the way of an arm (T, 3) until the
+        release, which goes on behind its set point; None without one.
         """
         found = []
         for at_ns in stopped_ns:
@@ -122,8 +129,15 @@ class SetPoints:
                 continue
             last = first + int(standing[0])
             way_m = float(np.linalg.norm(self.position_m[last] - self.position_m[first - 1]))
-            if np.isfinite(way_m):
-                found.append((way_m, int(t_ns[last]) - at_ns))
+            if not np.isfinite(way_m):
+                continue
+            arm_way_m = None
+            if arm_m is not None:
+                share = (at_ns - t_ns[first - 1]) / (t_ns[first] - t_ns[first - 1])
+                begin_m = (1.0 - share) * arm_m[first - 1] + share * arm_m[first]
+                until = last + int(np.argmin(np.append(self.mode[last:] == "safe", False)))
+                arm_way_m = float(np.nanmax(np.linalg.norm(arm_m[first:until] - begin_m, axis=1)))
+            found.append((way_m, int(t_ns[last]) - at_ns, arm_way_m))
         return found
 
 
@@ -205,7 +219,9 @@ def _figures(
         limited=limited,
         rmse_3d_mm=_rmse_mm(driven.position_m - track.truth_m, both),
         estimate_rmse_3d_mm=None if estimate_m is None else _rmse_mm(estimate_m - track.truth_m, both),
-        stop=_stop_figures(limits, scenario.rate_hz, driven.stops(stopped_ns, track.t_ns)),
+        stop=_stop_figures(
+            limits, scenario.rate_hz, driven.stops(stopped_ns, track.t_ns, track.estimates.get("plant"))
+        ),
         largest_step_mm=_largest_step_mm(driven.position_m),
         estimate_largest_step_mm=None if estimate_m is None else _largest_step_mm(estimate_m),
     )
@@ -255,13 +271,14 @@ def _not_yet_met(driven: SetPoints) -> NDArray[np.bool_]:
     return unmet
 
 
-def _stop_figures(limits: Limits, rate_hz: int, stops: Sequence[tuple[float, int]]) -> StopFigures:
+def _stop_figures(limits: Limits, rate_hz: int, stops: Sequence[tuple[float, int, float | None]]) -> StopFigures:
     """Return the longest way and time of the emergency stops, null without any, beside what the limits allow."""
     # a request waits for the next tick, and the arm counts as standing a tick after its last movement
     ticks = ceil(limits.usual.step / limits.usual.change) + 2
     return StopFigures(
-        way_mm=max((MM_PER_M * way_m for way_m, _ in stops), default=None),
-        time_ms=max((time_ns / NS_PER_MS for _, time_ns in stops), default=None),
+        way_mm=max((MM_PER_M * way_m for way_m, *_ in stops), default=None),
+        time_ms=max((time_ns / NS_PER_MS for _, time_ns, _ in stops), default=None),
+        arm_way_mm=max((MM_PER_M * way_m for *_, way_m in stops if way_m is not None), default=None),
         bound_mm=MM_PER_M * limits.run_out_m,
         bound_ms=1000.0 * ticks / rate_hz,
     )
@@ -321,8 +338,8 @@ def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
     n_refused, n_flooded = books.stop_requests_refused, books.stop_requests_flooded
     texts = []
     if n_stops:
-        stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}, which stood still for "
-        stopped += f"{safe_s:.1f} s, outages included"
+        stopped = f"{_times('emergency stop', n_stops)} stopped the set points{_within(hands)}, which stood still "
+        stopped += f"for {safe_s:.1f} s, outages included"
         texts.append(f"{stopped}: the errors count that time")
     if books.stops_unsigned:
         texts.append(
@@ -353,7 +370,9 @@ def _within(hands: Sequence[SafetyFigures]) -> str:
         return ""
     way_mm, time_ms = (max(getattr(one, name) for one in stops) for name in ("way_mm", "time_ms"))
     allowed = f"{stops[0].bound_mm:.1f} mm, {stops[0].bound_ms:.0f} ms"
-    return f" within {way_mm:.1f} mm and {time_ms:.0f} ms (allowed: {allowed})"
+    arm_mm = max((one.arm_way_mm for one in stops if one.arm_way_mm is not None), default=None)
+    arm = "" if arm_mm is None else f"; the arm behind them went on for {arm_mm:.1f} mm"
+    return f" within {way_mm:.1f} mm and {time_ms:.0f} ms (allowed: {allowed}{arm})"
 
 
 def _times(what: str, n: int) -> str:

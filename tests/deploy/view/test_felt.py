@@ -83,6 +83,21 @@ def test_a_swing_of_a_hand_at_rest_has_its_size_and_growth() -> None:
     assert shown["swing"]["growth_pct"] == pytest.approx(6.78, abs=0.05)
 
 
+def test_a_growing_swing_is_told_though_the_intention_has_moved_further_than_it() -> None:
+    """A pointer that moves by one pixel, 0.13 mm, is faster than a swing of a hundredth of a millimetre."""
+    rows = [
+        row._replace(position_m=(1.3e-4, 0.0, row.position_m[2]), intended_m=(1.3e-4, 0.0, row.intended_m[2]))
+        if k >= 500
+        else row
+        for k, row in enumerate(_rows(1.3, size_mm=0.0004, n=1500, meant_mm=0.0))
+    ]
+    found = loop_verdict(rows, 0)
+    assert found is not None
+    assert found.swing is not None
+    assert found.swing.growth_pct == pytest.approx(100 * (1.3**0.25 - 1), rel=0.05)
+    assert found.stability == "unstable"
+
+
 def test_what_is_seen_already_or_does_not_grow_is_told_so() -> None:
     wide, steady = (loop_verdict(_rows(*each, meant_mm=0.0), 0) for each in ((1.3, 1.0), (1.0, 1.0)))
     assert wide is not None

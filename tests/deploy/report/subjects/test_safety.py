@@ -177,7 +177,7 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
     assert left["released_by"] == ["alice tcp/192.0.2.7:4001"]
     stood_s = left["time_s"]["safe"]
     assert stop_texts({"left": left, "right": None}) == [
-        f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s, outages included: "
+        f"an emergency stop stopped the set points, which stood still for {stood_s:.1f} s, outages included: "
         "the errors count that time",
         "a stop had no valid signature: the arms stop for anybody (the audit log names who was connected)",
         "a release came without the stop's token, by alice tcp/192.0.2.7:4001 (patient.safety.release says who may)",
@@ -201,3 +201,17 @@ def test_an_arm_that_begins_within_a_movement_has_to_catch_up_with_it() -> None:
     # what is shaped once it has met the estimate is not of the beginning
     later = SetPoints(driven.position_m, driven.mode, np.roll(differs, 60))
     assert _limited(limits, later, track, estimate_m, np.zeros(3)).field == "acceleration_m_s2"
+
+
+def test_the_arm_behind_a_set_point_that_is_stopped_goes_on_and_that_is_told() -> None:
+    """The set point stands at once, at tick 10; the arm lags by ten ticks and needs them to come there."""
+    k = np.arange(60)
+    stands_m = 0.005 * np.minimum(k, 9)[:, None] * np.array([1.0, 0.0, 0.0])
+    arm_m = 0.005 * np.clip(k - 10, 0, 9)[:, None] * np.array([1.0, 0.0, 0.0])
+    mode = np.where((k >= 10) & (k < 40), "safe", "tracking")
+    driven = SetPoints(stands_m, mode, k >= 10)
+    t_ns = k * 10**9 // 30
+    ((way_m, time_ns, arm_way_m),) = driven.stops([int(t_ns[10]) - 5_000_000], t_ns, arm_m)
+    assert (way_m, time_ns) == (0.0, 5_000_000)
+    assert arm_way_m == pytest.approx(0.045)
+    assert driven.stops([int(t_ns[10])], t_ns)[0][2] is None
