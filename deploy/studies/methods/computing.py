@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from rich.console import Console
+from rich.markup import escape
 
 from tis.common.errors import TisError
+from tis.common.scenario.estimator_names import is_learned
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.command import run
 from tis.deploy.compare.engine.compute import Outcome
@@ -15,6 +17,7 @@ from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.pooled import person
 from tis.deploy.compare.results.report import report
 from tis.deploy.studies.methods.plans import HOLD, Measure, Subject, merged, plans_of
+from tis.patient_side.learning.train import check_extra
 
 Hands = list[dict[str, Any]]
 UNTRAINED: Final[tuple[Measure, ...]] = ("accuracy", "loss", "noise", "reliability", "fast")
@@ -65,9 +68,12 @@ def compute_methods(subjects: Sequence[Subject], store: Store, workers: Workers,
     faults: dict[str, TisError] = {}
     for subject in subjects:
         try:
+            if is_learned(subject.method):
+                check_extra([subject.method])  # or its trainings fail one by one, which is told at the end
             planned[subject.method] = {} if subject.method == HOLD else plans_of(subject)
         except TisError as error:
             faults[subject.method] = error
+            err.print(escape(f"{subject.method} is left out: {error}"), style="yellow")
     plans = [each for found in planned.values() for each in found.values()]
     if not plans:
         raise next(iter(faults.values()))

@@ -1,6 +1,7 @@
 """Computation of several methods: one that cannot be trained is a gap, and nothing else suffers from it."""
 
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,24 @@ def test_a_method_that_cannot_be_planned_is_a_gap_and_hold_is_read_beside_anothe
     assert [row["ratio_to_hold"] for row in hold.rows("accuracy")] == [1.0, 1.0]
     assert all(row["ratio_to_hold"] < 1 for row in there.rows("accuracy"))
     assert set(there.hands("accuracy", "100")) == {"S", "T"}
+
+
+def test_a_learned_method_without_its_extra_is_told_before_anything_is_computed(
+    few: None, people: Trials, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_the_extra(names: list[str]) -> None:
+        raise InputError(Fault("identification", "method", f"needs another package to train {names[0]}"))
+
+    monkeypatch.setattr(computing, "check_extra", without_the_extra)
+    monkeypatch.setattr(computing, "run", _not_yet)
+    said = Console(record=True, file=StringIO(), width=200)
+    with pytest.raises(RuntimeError, match="computing begins"):
+        compute_methods(subjects(people, "hold", "gpr", "damped_velocity"), Store(tmp_path), Processes(1), said)
+    assert "gpr is left out: " in said.export_text()
+
+
+def _not_yet(*_: object) -> None:
+    raise RuntimeError("computing begins")
 
 
 def test_a_method_that_cannot_be_trained_says_why_and_what_is_missing(
