@@ -148,11 +148,13 @@ def smoother_at(t_s: Array, paths: Sequence[Array]) -> bool:
     what it receives adds its own jitter to even samples; at such times a path is rougher. Oracle: one movement with
     rows at jittering times, and with jittering times at even rows, test_table_clock.
     """
-    if len(t_s) < _FEWEST_TOLD:
+    steps_s = np.diff(t_s)
+    if len(t_s) < _FEWEST_TOLD or float(np.ptp(steps_s)) <= _ON_GRID_S:  # even times need no look at the paths
         return False
+    usual_s = float(np.median(steps_s))
     around = np.stack([t_s[2 + k : len(t_s) - 2 + k] - t_s[2:-2] for k in _AROUND], axis=1)
-    even = np.broadcast_to(np.array(_AROUND) * float(np.median(np.diff(t_s))), around.shape)
-    whole = np.abs(np.diff(around, axis=1)).max(axis=1) < 2.0 * _GAP_PERIODS * float(np.median(np.diff(t_s)))
+    even = np.broadcast_to(np.array(_AROUND) * usual_s, around.shape)
+    whole = np.abs(np.diff(around, axis=1)).max(axis=1) < 2.0 * _GAP_PERIODS * usual_s
     ratios = []
     for path in paths:
         speeds = np.linalg.norm(path[3:-1] - path[1:-3], axis=1)

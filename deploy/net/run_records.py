@@ -157,7 +157,7 @@ def run_records(run_dir: Path, key: str | None = None) -> dict[Direction, Direct
 
 
 def _others(n_of: Mapping[str, int], taken: str) -> list[str]:
-    """Return how many messages other keys had, by name, "" without any."""
+    """Return how many messages other keys had, by name; nothing without any."""
     n = sum(n_of.values())
     return [f"{n} of other keys than {taken}: {_in_words(n_of)}; --key fits one of them"] if n else []
 

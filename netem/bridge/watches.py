@@ -128,11 +128,16 @@ class RulesWatch:
 
     def __init__(self, tables: Mapping[Direction, RuleTable]) -> None:
         self._tables = tables
+        self._seen: set[tuple[Direction, str]] = set()
         self.unmatched: Final = {str(key) for table in tables.values() for key, _ in table.rules}
 
     def match(self, direction: Direction, key: str) -> None:
-        """Note the rule of a key as matched; once all are, keys are no longer looked up."""
-        if self.unmatched and (assigned := self._tables[direction].assign(key)):
+        """Note the rule of a key as matched; each key is looked up once, and none when all rules are matched."""
+        if not self.unmatched or (direction, key) in self._seen:
+            return
+        if len(self._seen) < MAX_FLOWS:
+            self._seen.add((direction, key))
+        if assigned := self._tables[direction].assign(key):
             self.unmatched.discard(assigned.group)
 
 

@@ -136,7 +136,8 @@ class SetPoints:
                 share = (at_ns - t_ns[first - 1]) / (t_ns[first] - t_ns[first - 1])
                 begin_m = (1.0 - share) * arm_m[first - 1] + share * arm_m[first]
                 until = last + int(np.argmin(np.append(self.mode[last:] == "safe", False)))
-                arm_way_m = float(np.nanmax(np.linalg.norm(arm_m[first:until] - begin_m, axis=1)))
+                ways_m = np.linalg.norm(arm_m[first:until] - begin_m, axis=1)
+                arm_way_m = max((float(way) for way in ways_m if np.isfinite(way)), default=None)
             found.append((way_m, int(t_ns[last]) - at_ns, arm_way_m))
         return found
 

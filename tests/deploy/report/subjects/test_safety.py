@@ -215,3 +215,4 @@ def test_the_arm_behind_a_set_point_that_is_stopped_goes_on_and_that_is_told() -
     assert (way_m, time_ns) == (0.0, 5_000_000)
     assert arm_way_m == pytest.approx(0.045)
     assert driven.stops([int(t_ns[10])], t_ns)[0][2] is None
+    assert driven.stops([int(t_ns[10])], t_ns, np.full_like(arm_m, np.nan))[0][2] is None
