@@ -16,6 +16,7 @@ from tis.common.channels import SIDE_ON, Network, Side
 from tis.common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from tis.common.runtime.clock import WallClock, monotonic_ns
 from tis.common.runtime.clock_watch import ClockServer
+from tis.common.runtime.connections import closing
 from tis.common.runtime.control import ControlKeys, Epoch, Presence, boot_digest
 from tis.common.runtime.credentials import credentials, expiry_warnings, refuse_plain
 from tis.common.runtime.meeting import Meeting, ScenarioExchange, new_meeting
@@ -167,7 +168,7 @@ def _open_routers(
         releasers = scenario.patient.safety.releasers
         rights = access_control(security, scenario.session, network, devices, releasers)
         config.insert_json5("access_control", json.dumps(rights))
-        sessions[network] = stack.enter_context(open_router(config, endpoint))
+        sessions[network] = stack.enter_context(closing(open_router(config, endpoint), config))
         if renewed is not None:
             stack.callback(renewed.close)
     return sessions

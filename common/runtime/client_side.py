@@ -15,6 +15,7 @@ from tis.common.runtime.arm_memory import MEMORY_FILE, RESUMED_FILE, ArmMemory, 
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.clock_watch import ClockWatch
 from tis.common.runtime.companion import Companion
+from tis.common.runtime.connections import closing
 from tis.common.runtime.control import Epoch, Presence
 from tis.common.runtime.credentials import credentials, expiry_warnings, refuse_plain
 from tis.common.runtime.log_parts import EarlierPart
@@ -78,7 +79,7 @@ def run_client_side(
             if session is None:
                 text = f"netem at {where} did not answer within {options.wait_s} s{trouble.text}"
                 return _gave_up(side, interrupt, text)
-            with session:
+            with closing(session, config):
                 faults = bypasses(session)
                 names = false_names(session) if isinstance(scenario.security, Mtls) else []
                 faults += [f"its certificate is of {one}, must be netem's" for one in names]

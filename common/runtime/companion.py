@@ -24,6 +24,7 @@ from tis.common.errors import EXIT_OK, DataError, Fault, PeerError
 from tis.common.node import Node, Record
 from tis.common.records import COUNTERS, CounterNote
 from tis.common.runtime.clock import WallClock
+from tis.common.runtime.connections import closing
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock, companion_name
 from tis.common.runtime.loop import Seat, run
@@ -184,7 +185,7 @@ def _run(request: Mapping[str, Any]) -> int:
     client = configure("client", replace(options, credentials=proof, lease_ms=lease))
     session = open_client(client, lambda: False, lambda: None)
     assert session is not None
-    with session, of_netem_only(session, client, side):
+    with closing(session, client), of_netem_only(session, client, side):
         inbox: Inbox[zenoh.Sample] = Inbox()
         bus = ZenohBus({network: session}, WallClock(0), inbox)
         bus.listen(node, {camera_key(scenario.session)}, _OF_CAMERAS)

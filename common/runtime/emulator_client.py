@@ -11,6 +11,7 @@ import zenoh
 from pydantic import BaseModel, ValidationError
 
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.connections import closing
 from tis.common.runtime.running import UNKNOWN, WEST, Running, sessions
 from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
@@ -169,5 +170,6 @@ def connected(address: EmulatorAddress) -> Iterator[Remote]:
             raise PeerError(Fault(_WHERE, address.endpoint, rule)) from None
         reason = " ".join(str(error).split()).split(" at /")[0]
         raise InputError(Fault(_WHERE, address.endpoint, reason)) from None
-    with session, of_netem_only(session, config, _WHERE), Remote(session, address).noting_cuts() as remote:
+    link = of_netem_only(session, config, _WHERE)
+    with closing(session, config), link, Remote(session, address).noting_cuts() as remote:
         yield remote

@@ -1,14 +1,12 @@
-"""TLS connections of this process: cut by their other end, renewed with a new certificate, and of netem's name only.
+"""TLS connections of this process: renewed with a new certificate, and of netem's name only.
 
-Zenoh closes no single link, but the socket is this process's own. A client's session outlives its link: it connects
+A client's session outlives its link: it connects
 again within milliseconds, with the certificate that its files hold then.
 """
 
-import os
-import socket
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, Self
@@ -16,6 +14,7 @@ from typing import Final, Self
 import zenoh
 
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.connections import address_of, cut
 from tis.common.runtime.credentials import CERTIFICATE_FILE, KEY_FILE, tls_settings
 from tis.common.runtime.signing import CertifiedKey, shows_certificate
 from tis.common.signing import Identity
@@ -23,41 +22,6 @@ from tis.common.signing import Identity
 _EVERY_S: Final = 0.5
 _PATIENCE_S: Final = 10.0
 _ROUTER: Final = "netem"
-
-
-def address_of(end: str) -> str:
-    """Return address and port of a link's end, such as tls/127.0.0.1:7447."""
-    return end.partition("/")[2].partition("?")[0]
-
-
-def cut(ends: Collection[str]) -> int:
-    """Shut down this process's TCP connections with these addresses and ports; return how many they were."""
-    n_cut = 0
-    for _, found in own_sockets():
-        with suppress(OSError, ValueError):
-            if found.family in (socket.AF_INET, socket.AF_INET6) and _name(found.getpeername()) in ends:
-                found.shutdown(socket.SHUT_RDWR)
-                n_cut += 1
-    return n_cut
-
-
-def own_sockets() -> Iterator[tuple[int, socket.socket]]:
-    """Yield this process's sockets with the numbers of their descriptors, each by another descriptor, for a step."""
-    for number in map(int, os.listdir("/proc/self/fd")):  # noqa: PTH208  (names, not paths)
-        with suppress(OSError):
-            copy = os.dup(number)
-            try:
-                found = socket.socket(fileno=copy)
-            except OSError:  # no socket
-                os.close(copy)
-                continue
-            with found:
-                yield number, found
-
-
-def _name(peer: tuple[object, ...]) -> str:
-    host, port = str(peer[0]), peer[1]
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def false_names(session: zenoh.Session) -> list[str]:

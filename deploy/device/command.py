@@ -12,6 +12,7 @@ import zenoh
 
 from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
 from tis.common.messages import encode
+from tis.common.runtime.connections import closing
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.process import Interrupt, child_environment
 from tis.common.runtime.side_cli import endpoints_for
@@ -66,8 +67,9 @@ def run_device(
     until_s = None if wait_s is None else time.monotonic() + wait_s
     try:
         with interrupt.installed():
+            config = configure("client", ZenohOptions(connect=tuple(connect)))
             zenoh_session = open_client(
-                configure("client", ZenohOptions(connect=tuple(connect))),
+                config,
                 lambda: interrupt.requested or (until_s is not None and time.monotonic() > until_s),
                 lambda: say(f"waiting for netem at {', '.join(connect)}"),
             )
@@ -75,7 +77,7 @@ def run_device(
                 if interrupt.requested:
                     return EXIT_OK
                 raise PeerError(Fault(COMMAND, "--connect", f"netem did not answer within {wait_s} s", list(connect)))
-            with zenoh_session:
+            with closing(zenoh_session, config):
                 n_sent = _publish(inputs, zenoh_session, key, rate_hz, session, interrupt)
     finally:
         close_inputs(inputs)

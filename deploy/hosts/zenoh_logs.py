@@ -25,6 +25,7 @@ from rich.console import Console
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault, PeerError, TisError
+from tis.common.runtime.connections import closing
 from tis.common.runtime.process import Interrupt
 from tis.common.runtime.run_folders import run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router, visitor
@@ -268,15 +269,16 @@ def _sessions(
     """Open a router that listens, or a client of each endpoint, with its place in words; None when ``stopped``."""
     if options.listen:
         config = configure("router", replace(options, connect=()))
-        session = stack.enter_context(open_router(config, ", ".join(options.listen), _WHO))
+        session = stack.enter_context(closing(open_router(config, ", ".join(options.listen), _WHO), config))
         return [(session, "a host")]
     found: list[tuple[zenoh.Session, str]] = []
     for endpoint in options.connect:
         with _told_once(err, f"waiting for {endpoint}") as tell:
-            client = open_client(visitor(endpoint, options), stopped, tell)
+            config = visitor(endpoint, options)
+            client = open_client(config, stopped, tell)
         if client is None:
             return None
-        found.append((stack.enter_context(client), endpoint))
+        found.append((stack.enter_context(closing(client, config)), endpoint))
     return found
 
 

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple, Self
 import zenoh
 
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.connections import closing
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 
@@ -75,16 +76,21 @@ def check_key(key: str, where: str) -> None:
         raise InputError(Fault(where, "--key", "must be one key, without wildcards", key))
 
 
-def open_end(endpoint: str, listens: bool, options: ZenohOptions, wait_s: float, who: str) -> zenoh.Session:
-    """Return a session that listens as a router or connects to one; raises `PeerError`, `InputError`."""
+@contextmanager
+def open_end(endpoint: str, listens: bool, options: ZenohOptions, wait_s: float, who: str) -> Iterator[zenoh.Session]:
+    """Open a session that listens as a router or connects to one; raises `PeerError`, `InputError`."""
     if listens:
-        return open_router(configure("router", replace(options, listen=[endpoint])), endpoint, who)
+        config = configure("router", replace(options, listen=[endpoint]))
+        with closing(open_router(config, endpoint, who), config) as router:
+            yield router
+        return
     give_up = time.monotonic() + wait_s
     config = configure("client", replace(options, connect=[endpoint]))
     session = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
     if session is None:
         raise PeerError(Fault(who, endpoint, f"no answer within {wait_s:g} s"))
-    return session
+    with closing(session, config):
+        yield session
 
 
 @contextmanager

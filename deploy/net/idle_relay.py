@@ -16,6 +16,7 @@ import zenoh
 from tis.common.errors import Fault, PeerError
 from tis.common.messages import Header
 from tis.common.runtime.clock import monotonic_ns
+from tis.common.runtime.connections import closing
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
@@ -88,10 +89,11 @@ def open_idle_relay() -> Iterator[IdleRelay | None]:
 def _network(stack: ExitStack, endpoint: str) -> tuple[zenoh.Session, zenoh.Session]:
     """Open a router and a client of it; raises `PeerError`."""
     options = ZenohOptions(listen=[endpoint])
-    router = stack.enter_context(open_router(configure("router", options), endpoint, "probe"))
+    listening = configure("router", options)
+    router = stack.enter_context(closing(open_router(listening, endpoint, "probe"), listening))
     give_up = time.monotonic() + _TIMEOUT_S
     config = configure("client", ZenohOptions(connect=[endpoint]))
     client = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
     if client is None:
         raise PeerError(Fault("probe", endpoint, f"no answer within {_TIMEOUT_S:g} s"))
-    return router, stack.enter_context(client)
+    return router, stack.enter_context(closing(client, config))

@@ -13,6 +13,7 @@ from tis.common.channels import FOLLOWER, Hand
 from tis.common.device import DevicePose
 from tis.common.errors import TisError
 from tis.common.messages import Vector3, encode
+from tis.common.runtime.connections import closing
 from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, publisher_of, visitor
 from tis.common.scenario import Scenario
@@ -105,7 +106,7 @@ class DeviceDoor:
             session = open_client(self._config, self._over.is_set, lambda: None)
             if session is None:
                 return
-            with session, of_netem_only(session, self._config, "netem"):
+            with closing(session, self._config), of_netem_only(session, self._config, "netem"):
                 listening = session.declare_subscriber(
                     self.device.key, self._note_rival, allowed_origin=zenoh.Locality.REMOTE
                 )

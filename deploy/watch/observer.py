@@ -20,6 +20,7 @@ from tis.common.channels import Network, Side, local_keys, stopped_key
 from tis.common.clocks import Exchanges
 from tis.common.errors import PeerError
 from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.connections import closing
 from tis.common.runtime.control import ControlKeys, Roster
 from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, visitor
@@ -145,7 +146,7 @@ class Observer:
                     session = open_client(config, self._over.is_set, lambda: None)
                     if session is None:
                         return
-                    stack.enter_context(session)
+                    stack.enter_context(closing(session, config))
                     stack.enter_context(of_netem_only(session, config, f"netem at {endpoint}"))
                     self._listen(network, session, stack)
                     clocks[network] = ClockWatch(session, ControlKeys(self.session).clock)

@@ -11,6 +11,7 @@ import zenoh
 
 from tis.common.channels import Direction, Network
 from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
+from tis.common.runtime.connections import closing
 from tis.common.runtime.process import Interrupt, command_line
 from tis.common.runtime.scenario_files import load_traces
 from tis.common.runtime.status import Status
@@ -99,7 +100,7 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         sessions: dict[Network, zenoh.Session] = {}
         if options.control is not None:
             config = configure("router", replace(options.zenoh, listen=(options.control,)))
-            sessions[ends.comes_from] = stack.enter_context(open_router(config, options.control))
+            sessions[ends.comes_from] = stack.enter_context(closing(open_router(config, options.control), config))
             watch_revoked(stack, options.zenoh, None, sessions, [options.control], status.warning)
         log = open_log(options.log_dir, options.network, options.seed, options.keys)
         tally = Tally(log, status.warning, *watches(links, network.buffer, status.warning))

@@ -14,8 +14,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
+from tis.common.runtime.connections import own_sockets
 from tis.common.runtime.credentials import tls_settings
-from tis.common.runtime.tls_links import CertificateWatch, own_sockets
+from tis.common.runtime.tls_links import CertificateWatch
 from tis.common.zenoh_syntax import port_of
 
 N_SPARES: Final = 2  # each costs 0.14 % of a processor

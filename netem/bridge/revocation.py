@@ -16,7 +16,7 @@ import zenoh
 from tis.common.audit import Happening
 from tis.common.channels import Network
 from tis.common.refusal import MAX_BYTES, REVOKED_FILE, read_revoked
-from tis.common.runtime.tls_links import address_of, cut
+from tis.common.runtime.connections import address_of, cut
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.netem.bridge.audit import AuditTrail
 

@@ -15,6 +15,7 @@ import zenoh
 
 from tis.common.channels import Network
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.connections import closing
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client
 
 ClientMode = Literal["client", "peer"]
@@ -108,7 +109,7 @@ def open_sides(
             raise
         if session is None:
             return None
-        sessions[network] = stack.enter_context(session)
+        sessions[network] = stack.enter_context(closing(session, config))
     return sessions
 
 

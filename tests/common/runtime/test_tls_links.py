@@ -1,10 +1,9 @@
-"""TLS links that are cut, renewed, and refused for another name than netem's, over loopback.
+"""TLS links that are renewed, and refused for another name than netem's, over loopback.
 
 In a whole run on three hosts: tests/system/test_living_certificates.
 """
 
 import queue
-import socket
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -21,30 +20,12 @@ from tis.common.runtime.credentials import credentials, tls_settings
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.signing import client_identity
-from tis.common.runtime.tls_links import CertificateWatch, CertifiedLink, cut, false_names
+from tis.common.runtime.tls_links import CertificateWatch, CertifiedLink, false_names
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls
 from tis.deploy.tools import certificates
 from tis.deploy.tools.certificates import asked_for, issue, new_authority
 from tis.netem.bridge.revocation import Revocations
-
-
-@pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
-def test_one_connection_is_cut_by_its_other_end_and_the_others_stay(family: socket.AddressFamily, host: str) -> None:
-    with socket.create_server((host, 0), family=family) as server:
-        place = server.getsockname()[:2]
-        with socket.create_connection(place) as one, socket.create_connection(place) as other:
-            accepted = [server.accept()[0] for _ in range(2)]
-            name, port = one.getsockname()[:2]
-            end = f"[{name}]:{port}" if ":" in name else f"{name}:{port}"
-            assert cut({end, "192.0.2.1:1"}) == 1
-            one.settimeout(10)
-            assert one.recv(1) == b""
-            other.sendall(b"x")
-            assert next(c for c in accepted if c.getpeername()[1] == other.getsockname()[1]).recv(1) == b"x"
-            for each in accepted:
-                each.close()
-    assert cut({end}) == 0
 
 
 def _await(met: Callable[[], bool]) -> None:
