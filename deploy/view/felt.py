@@ -22,7 +22,9 @@ from tis.deploy.watch.forces import MJ_PER_J, FeltRow
 _NEW_NS: Final = NS_PER_S
 _JUDGED_NS: Final = 15 * NS_PER_S
 _YOUNG_S: Final = 5.0
-"""A loop is called stable once its network has been the same for so long: a swing grows from small."""
+"""A loop is called stable once it has been watched for so long in one network: a swing grows from small."""
+_FREE_NS: Final = 2 * NS_PER_S
+"""A hand that feels nothing for so long has left what it touched: a swing leaves it for less."""
 _RESTS_M_S: Final = 1e-3
 _SETTLES_S: Final = 0.5
 _FEWEST_ROWS: Final = 50
@@ -99,8 +101,8 @@ class Swing(NamedTuple):
 class LoopVerdict(NamedTuple):
     """How a loop stands by the measure of the summary, over how long, and how the hand swings.
 
-    ``not_yet``: a loop that would count as stable, in a network of which too little was seen. ``stands`` is why
-    nothing is told: the hand touched nothing in that time, or was off what it intends by the same to a micrometre.
+    ``not_yet``: a loop that would count as stable, of which too little was seen. ``stands`` is why nothing is told:
+    the hand touches nothing, or was off what it intends by the same to a micrometre.
     """
 
     stability: Stability | Literal["not_yet"]
@@ -113,6 +115,7 @@ def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None
     """Return how the loop of the last rows stands in the present network; None without touch.
 
     ``changed_ns`` is when the network was changed last: what was before is of another loop, as in the report.
+    Nothing is told by what was before the hand came back to what it touches, or before a hand at rest moved.
     """
     rows = [row for row in rows if row.t_ns >= max(changed_ns, rows[-1].t_ns - _JUDGED_NS)]
     if len(rows) < 2:
@@ -125,10 +128,11 @@ def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None
         intended_m=np.array([row.intended_m for row in rows]),
         limited=np.array([row.limited for row in rows]),
     )
-    over_s = round(float(t_ns[-1] - t_ns[0]) / NS_PER_S, 1)
     stands = _stands(shown)
     if stands is not None:
-        return LoopVerdict("not_decidable", over_s, None, stands)
+        return LoopVerdict("not_decidable", _over_s(shown), None, stands)
+    shown = shown.at(slice(_told_from(shown), None))
+    over_s = _over_s(shown)
     found = stability(shown, max(round(NS_PER_S / float(np.median(np.diff(t_ns)))), 1))
     swing = swing_of(shown)
     if found == "stable" and swing is not None and swing.growth_pct is not None:
@@ -139,10 +143,35 @@ def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None
 
 def _stands(shown: Frame) -> Literal["free", "still"] | None:
     """Return how a hand stands of which rounding alone would tell that it swings or does not."""
-    if not shown.force_n.any():
+    felt_ns = _felt_ns(shown)
+    if not len(felt_ns) or shown.sample_ns[-1] - felt_ns[-1] > _FREE_NS:
         return "free"
-    off_mm = MM_PER_M * (shown.position_m - shown.intended_m)
+    off_mm = _off_mm(shown)
     return "still" if off_mm.any() and np.ptp(off_mm, axis=0).max() < _LEAST_MM else None
+
+
+def _told_from(shown: Frame) -> int:
+    """Return the row from which a loop tells something: since its last long time free, and since it first moved."""
+    felt_ns = _felt_ns(shown)
+    after_free = np.flatnonzero(np.diff(felt_ns) > _FREE_NS)
+    begin = int(np.searchsorted(shown.sample_ns, felt_ns[after_free[-1] + 1])) if len(after_free) else 0
+    off_mm = _off_mm(shown)[begin:]
+    moved = np.abs(off_mm - off_mm[0]).max(axis=1) >= _LEAST_MM
+    return begin + int(np.argmax(moved)) if moved.any() else begin
+
+
+def _over_s(shown: Frame) -> float:
+    return round(float(shown.sample_ns[-1] - shown.sample_ns[0]) / NS_PER_S, 1)
+
+
+def _felt_ns(shown: Frame) -> NDArray[np.int64]:
+    """Return the instants (K,) at which a hand felt a force."""
+    return np.asarray(shown.sample_ns[shown.force_n.any(axis=1)])
+
+
+def _off_mm(shown: Frame) -> NDArray[np.float64]:
+    """Return how far a hand is off what it intends (N, 3)."""
+    return np.asarray(MM_PER_M * (shown.position_m - shown.intended_m))
 
 
 def told(found: LoopVerdict) -> dict[str, Any]:
@@ -164,7 +193,7 @@ def swing_of(shown: Frame) -> Swing | None:
     still = t_s >= (t_s[0] if not len(moved) else t_s[moved[-1] + 1] + _SETTLES_S)
     if np.count_nonzero(still) < _FEWEST_ROWS:
         return None
-    t_s, off_mm = t_s[still], MM_PER_M * (shown.position_m - shown.intended_m)[still]
+    t_s, off_mm = t_s[still], _off_mm(shown)[still]
     off_mm = off_mm - off_mm.mean(axis=0)
     along_mm = off_mm @ np.linalg.svd(off_mm, full_matrices=False)[2][0]
     level_mm = along_mm - np.polyval(np.polyfit(t_s, along_mm, 1), t_s)

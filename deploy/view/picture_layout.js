@@ -68,7 +68,7 @@ window.pictureLayout = (() => {
   };
   const LOOPS = {
     stable: ({ over_s }) => `The loop is stable over the last ${over_s.toFixed(0)} s.`,
-    not_yet: ({ over_s, young_s }) => `Not judged yet at this network: ${over_s.toFixed(0)} of ${young_s.toFixed(0)} s. A swing grows slowly from small.`,
+    not_yet: ({ over_s, young_s }) => `Not judged yet: ${over_s.toFixed(0)} of ${young_s.toFixed(0)} s. A swing grows slowly from small.`,
     not_decidable: ({ over_s, swing, stands }) => (Object.hasOwn(STANDS, stands) ? STANDS[stands]
       : `The last ${over_s.toFixed(0)} s do not tell whether the loop is stable${swing?.growth_pct ? `: ${grows(swing)}` : ""}.`),
     unstable: ({ over_s, swing }) => (swing?.seen_in_s

@@ -64,6 +64,40 @@ def test_of_a_hand_at_rest_to_a_micrometre_nothing_is_told(growth: float) -> Non
     assert (free.stability, free.stands) == ("not_decidable", "free")
 
 
+def _after(rows: list[FeltRow], more: list[FeltRow]) -> list[FeltRow]:
+    begin_ns = rows[-1].t_ns + 10 * NS_PER_MS
+    return [*rows, *(row._replace(t_ns=begin_ns + row.t_ns) for row in more)]
+
+
+def test_of_a_hand_that_has_left_what_it_touched_nothing_is_told() -> None:
+    """Its way off the wall is fast, beside which the swing of before looked small."""
+    lifts = [
+        row._replace(intended_m=(0.0, 0.0, 1e-3 * k), position_m=(0.0, 0.0, 1e-3 * k), hand_n=(0.0, 0.0, 0.0))
+        for k, row in enumerate(_rows(1.0, n=600))
+    ]
+    rows = _after(_rows(1.6, n=900), lifts)
+    found = loop_verdict(rows, 0)
+    assert found is not None
+    assert (found.stability, found.stands) == ("not_decidable", "free")
+    # Back at the wall, what was before it left is of no account.
+    again = loop_verdict(_after(rows, _rows(0.5, n=200)), 0)
+    assert again is not None
+    assert (again.stability, again.over_s) == ("not_yet", 2.0)
+
+
+def test_the_time_before_a_hand_at_rest_moves_tells_nothing() -> None:
+    """Ten seconds at rest and one of a nudge, by which the swing that follows looks small."""
+    rests = [row._replace(position_m=(0.0, 0.0, 0.003)) for row in _rows(1.0, n=1000, meant_mm=0.0)]
+    nudged = []
+    for k, row in enumerate(_rows(1.3, size_mm=0.005, n=100, meant_mm=0.0)):
+        meant_m = 5e-5 * min(k, 10)
+        place_m = (0.0, 0.0, 0.003 + meant_m + row.position_m[2])
+        nudged.append(row._replace(intended_m=(0.0, 0.0, meant_m), position_m=place_m))
+    found = loop_verdict(_after(rests, nudged), 0)
+    assert found is not None
+    assert (found.stability, found.over_s) == ("not_decidable", 1.0)
+
+
 def test_only_the_last_15_s_are_judged() -> None:
     rows = [*_rows(2.5, n=1000), *(row._replace(t_ns=row.t_ns + 10 * NS_PER_S) for row in _rows(0.5, n=1502))]
     assert _state(rows) == "stable"

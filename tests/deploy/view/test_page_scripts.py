@@ -255,7 +255,7 @@ def test_a_swing_too_small_to_be_seen_is_told_with_its_growth(page: "Page") -> N
     assert page.evaluate(words, {**loop, "swing": wide}).endswith("over the last 15 s: the hand swings, by 3 mm.")
     assert f"stable: {grows}." in page.evaluate(words, {**loop, "state": "not_decidable"})
     young = page.evaluate(words, {**loop, "state": "not_yet", "over_s": 2.0, "swing": None})
-    assert young.startswith("Not judged yet at this network: 2 of 5 s.")
+    assert young.startswith("Not judged yet: 2 of 5 s.")
 
 
 @pytest.mark.parametrize(
