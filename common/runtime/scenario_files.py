@@ -90,14 +90,16 @@ def lines_told(path: Path) -> Iterator[None]:
             text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
         except (OSError, UnicodeDecodeError):
             raise error from None
-        raise InputError([_with_line(fault, str(path), text) for fault in error.faults]) from None
+        found = sorted(((_line(fault, str(path), text), fault) for fault in error.faults), key=lambda one: one[0])
+        told = [replace(fault, where=f"{path}: line {line}") if line else fault for line, fault in found]
+        raise InputError(told) from None
 
 
-def _with_line(fault: Fault, where: str, text: str) -> Fault:
+def _line(fault: Fault, where: str, text: str) -> int:
+    """Return the line of what a fault is about; 0 where it has none, or names it already."""
     if fault.where != where or fault.field.startswith("line ") or not fault.field:
-        return fault
-    line = line_of(text, fault.field)
-    return fault if line is None else replace(fault, where=f"{where}: line {line}")
+        return 0
+    return line_of(text, fault.field) or 0
 
 
 _FOLDER: Final = "traces"

@@ -156,7 +156,7 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
     field, kind, got = ".".join(place.path), detail["type"], detail["input"]
     # Faults about keys and kinds, which need hints.
     if kind == "extra_forbidden":
-        hint = _hint(str(detail["loc"][-1]), place.siblings) or misplaced_key_hint(place.path, model)
+        hint = meant(str(detail["loc"][-1]), place.siblings) or misplaced_key_hint(place.path, model)
         hint = _AS_BYTES if place.path[-2:] in _TIMES_OF_A_QUEUE else hint
         hint = _ONE_BY_ONE if detail["loc"][-1] == "both" and "forward" in place.siblings else hint
         return [Fault(where, field, f"unknown key{hint}", got)]
@@ -165,7 +165,7 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
         names = tuple(variants(place.annotation))
         kinds = " or ".join(map(repr, names))
         if isinstance(got, Mapping) and "kind" in got:
-            return [Fault(where, field, f"must be {kinds}{_hint(got['kind'], names)}", got["kind"])]
+            return [Fault(where, field, f"must be {kinds}{meant(got['kind'], names)}", got["kind"])]
         return [Fault(where, field, f"is required ({kinds})")]
     # Faults about values: the rule in our words where there is one, else in pydantic's.
     if kind == "value_error":
@@ -176,14 +176,14 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
         plural = "" if 1 in (context.get("min_length"), context.get("max_length")) else "s"
         rules = [_RULES[kind].format(**context, s=plural) if kind in _RULES else detail["msg"]]
     if kind == "literal_error":
-        rules = [f"{rule}{_hint(got, re.findall(_QUOTED, rule))}" for rule in rules]
+        rules = [f"{rule}{meant(got, re.findall(_QUOTED, rule))}" for rule in rules]
     # Neither an absent value nor a whole part of the scenario is shown as "got".
     if kind == "missing" or isinstance(got, Mapping | BaseModel):
         return [Fault(where, field, rule) for rule in rules]
     return [Fault(where, field, rule, got) for rule in rules]
 
 
-def _hint(got: object, allowed: Sequence[str]) -> str:
+def meant(got: object, allowed: Sequence[str]) -> str:
     """Return ``, did you mean ...?`` with the allowed words that resemble ``got``, if any."""
     if not isinstance(got, str):
         return ""

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from tis.common.channels import Direction
 from tis.common.errors import Fault, InputError
+from tis.common.scenario.faults import meant
 from tis.common.scenario.network.delay import Delay, Jitter
 from tis.common.scenario.network.loss import Loss
 from tis.common.scenario.reading import apply_settings
@@ -47,7 +48,8 @@ def complete_stage(stage: str, given: Mapping[str, Any], current: Any, where: st
     if not candidates:
         known = {name for model in models.values() for name in model.model_fields}
         strange = [name for name in given if name not in known]
-        missing = f"no kind has {' and '.join(strange or given)}" + ("" if strange else " together")
+        missing = f"no kind has {' and '.join(strange or given)}"
+        missing += "".join(meant(name, sorted(known)) for name in strange) if strange else " together"
         raise InputError(Fault(where, stage, f"must be kind: {'|'.join(models)}; {missing} (see `tis net stages`)"))
     if candidates[0][0]["kind"] == beneath.get("kind"):
         return candidates[0][0]

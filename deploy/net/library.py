@@ -11,6 +11,7 @@ from rich.markup import escape
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.runtime.scenario_files import load_traces
+from tis.common.scenario.faults import meant
 from tis.common.scenario.profile import Number, Profile, numeric_paths
 from tis.deploy.net.profiles import find_profile, shipped_names
 from tis.deploy.net.stage_reference import Kind, Parameter, network_page, sections
@@ -223,7 +224,8 @@ def print_stages(name: str | None, out: Console) -> int:
     of_kind = {each.name: [kind for kind in each.kinds if kind.name == name] for each in found.values()}
     shown = {name: found[name].kinds} if name in found else {each: kinds for each, kinds in of_kind.items() if kinds}
     if not shown:
-        raise InputError(Fault("tis net stages", "NAME", f"must be one of {', '.join(found)}, or a kind", name))
+        near = meant(name, [*found, *(kind.name for each in found.values() for kind in each.kinds)])
+        raise InputError(Fault("tis net stages", "NAME", f"must be one of {', '.join(found)}, or a kind{near}", name))
     for section, kinds in shown.items():
         out.print(escape(f"{section}: {found[section].meaning}"), soft_wrap=True)
         rows = list(_explained(kinds))

@@ -104,7 +104,7 @@ def named_changes(changes: Sequence[str]) -> list[str]:
     """Return a line for each of the weightiest changes made while running, then how many more there were."""
     left = len(changes) - _MAX_CHANGES
     named = [f"changed while running: {text}" for text in weightiest(changes, _MAX_CHANGES)]
-    return [*named, f"and {left} more changes while running"] if left > 0 else named
+    return [*named, f"and {left} more change{'s' * (left > 1)} while running"] if left > 0 else named
 
 
 def summary_view(summary: NetemSummary) -> RenderableType:

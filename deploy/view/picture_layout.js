@@ -96,7 +96,7 @@ window.pictureLayout = (() => {
     const { part, rest, rest_ms } = sharesOf(late_ms, network_ms), over = `(medians of the last ${judged_s} s, of the same messages)`;
     const ticks = rate_hz > 0 ? `two ticks, ${lateness(Math.round(1000 / rate_hz))} to ${lateness(Math.round(2000 / rate_hz))} at ${rate_hz} Hz` : "two ticks";
     return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.`
-      : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for ticks, at arm and display, and computing: it depends on how the delay falls between them. Without a network it is one to ${ticks}. How far the arm is behind what it is told comes on top.`;
+      : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for ticks, at arm and display, and computing: it depends on how the delay falls between them. Without a network it is one to ${ticks}. How far the arm is behind what it is told, and drawing by the browser, come on top.`;
   };
   // Why a page drew no picture for `drawn_ms`: none came to the operator's side, where the newest came `came_ms` ago as far as
   // was known `unlooked_ms` ago; or the page is late. An answer that tells of no picture is itself up to 0.8 s old.
