@@ -1,7 +1,7 @@
 """TLS connections of this process: renewed with a new certificate, and of netem's name only.
 
-A client's session outlives its link: it connects
-again within milliseconds, with the certificate that its files hold then.
+A client's session outlives its link: it connects again within milliseconds, with the certificate that its files hold
+then.
 """
 
 import threading
