@@ -82,7 +82,10 @@ def _is_number(word: str) -> bool:
 
 @contextmanager
 def lines_told(path: Path) -> Iterator[None]:
-    """Add their lines to the faults of a file that are raised in the block, and name it as `read_scenario` does."""
+    """Add their lines to the faults of a file that are raised in the block, and name it as `read_scenario` does.
+
+    They come in the order of the lines; faults of what else is read keep their places among them.
+    """
     try:
         yield
     except InputError as error:
@@ -90,8 +93,11 @@ def lines_told(path: Path) -> Iterator[None]:
             text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
         except (OSError, UnicodeDecodeError):
             raise error from None
-        found = sorted(((_line(fault, str(path), text), fault) for fault in error.faults), key=lambda one: one[0])
-        told = [replace(fault, where=f"{path}: line {line}") if line else fault for line, fault in found]
+        lines = [_line(fault, str(path), text) for fault in error.faults]
+        places = [place for place, line in enumerate(lines) if line]
+        told = list(error.faults)
+        for place, source in zip(places, sorted(places, key=lines.__getitem__), strict=True):
+            told[place] = replace(error.faults[source], where=f"{path}: line {lines[source]}")
         raise InputError(told) from None
 
 

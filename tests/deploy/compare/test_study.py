@@ -130,6 +130,7 @@ estimators: []
     )
     assert found == [
         "s.yaml: scenario: is required",
+        "s.yaml: setings: unknown key, did you mean 'settings'?",
         "s.yaml: settings.a..b: must be the path of a field, like network.forward.delay.delay_ms",
         "s.yaml: settings.y: must be text, a number, true, false, null, a list or a mapping",
         f"s.yaml: axes.{DELAY}.last: must be a finite number",
@@ -137,10 +138,9 @@ estimators: []
         f"s.yaml: axes.{DELAY}.cout: unknown key, did you mean 'count'?",
         "s.yaml: axes.surgeon.history: must be a list of values, or {first: NUMBER, last: NUMBER, count: N}",
         "s.yaml: axes.patient.tick_phase_ms.0: must be a number, a name such as a profile's, or true or false",
-        "s.yaml: zip: must be true or false",
         "s.yaml: seeds: must be at least 1",
+        "s.yaml: zip: must be true or false",
         "s.yaml: estimators: must have at least 1 item",
-        "s.yaml: setings: unknown key, did you mean 'settings'?",
     ]
     text = "scenario: small.yaml\naxes: {a: [1, 1.0], b: {first: 0, last: 1, count: 2}}\npeople: [S]\ntrials: [S001]"
     assert faults_of(text, tmp_path) == [

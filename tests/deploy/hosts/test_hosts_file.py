@@ -60,11 +60,11 @@ def test_all_faults_of_both_files_come_at_once(tmp_path: Path) -> None:
         patient={"kind": "telnet"},
     )
     assert _faults(file) == [
+        "h.yaml: netem.clock_skew: must read OFFSET_S:DRIFT_PPM[:STEP_S@AFTER_S], as in 3:50 (got 'fast')",
+        "h.yaml: netem.namespace: must be the name of a network namespace (got 'a b')",
+        "h.yaml: patient.kind: must be 'ssh' or 'namespace' or 'local' (got 'telnet')",
         "h.yaml: surgeon.address: must be an IP address or a host's name, without port (got '-oProxyCommand=x')",
         "h.yaml: surgeon.port: must be at least 1 (got 0)",
-        "h.yaml: netem.namespace: must be the name of a network namespace (got 'a b')",
-        "h.yaml: netem.clock_skew: must read OFFSET_S:DRIFT_PPM[:STEP_S@AFTER_S], as in 3:50 (got 'fast')",
-        "h.yaml: patient.kind: must be 'ssh' or 'namespace' or 'local' (got 'telnet')",
         "s.yaml: duration_s: must be greater than 0 (got -1)",
     ]
 

@@ -75,8 +75,8 @@ def test_a_fault_is_blamed_on_the_setting_that_brought_it(
 def test_a_fault_of_the_file_stays_the_files(tmp_path: Path) -> None:
     found = _faults(tmp_path, "surgeon.copies=0", more="fnord: 1\nseed: x\n")
     assert found == [
-        "--set: surgeon.copies: must be at least 1 (got 0)",
         "s.yaml: line 6: fnord: unknown key (got 1)",
+        "--set: surgeon.copies: must be at least 1 (got 0)",
         "s.yaml: line 7: seed: must be an integer (got 'x')",
     ]
     assert _faults(tmp_path, "seed=3", more="fnord: 1\n") == ["s.yaml: line 6: fnord: unknown key (got 1)"]
