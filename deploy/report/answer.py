@@ -76,6 +76,8 @@ def _accurate_texts(summary: Summary, scenario: Scenario) -> list[str]:
         for hand, scores in summary.scores_by_hand.items()
     }
     hands = [hand for hand, entries in known.items() if active in entries and "hold" in entries]
+    if any(scores[active].without_answer for scores in summary.scores_by_hand.values() if active in scores):
+        return [f"The patient's estimator, {active}, failed: it gave no estimate at any scored tick."]
     if not hands:
         return ["How accurate the estimates were is not known."]
 

@@ -59,6 +59,7 @@ WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
             if not (name in s.accuracy and s.accuracy[name].without_answer)
         }
     ),
+    lambda s: accuracy.silent_texts(s.accuracy, s.active_estimator, s.own_estimators),
     lambda s: s.in_sample or (),
     lambda s: s.recording.warnings if s.recording else (),
 )

@@ -110,11 +110,13 @@ def _accuracy(summary: Summary) -> Iterator[Row]:
     """Yield the active estimator's error beside hold's, and the other estimators' errors."""
     scores, active = summary.accuracy, summary.active_estimator
     entry, hold = scores.get(active), scores.get("hold")
-    if entry is None or hold is None or entry.rmse_3d_mm is None:
+    if entry is None or hold is None or hold.rmse_3d_mm is None:
         yield Row("error", "not known: no tick could be scored")
         return
     text = f"{entry.label(active)} {number(entry.rmse_3d_mm)} mm (RMSE in 3D)"
-    if active != "hold":
+    if entry.without_answer:
+        text = f"{active} failed: no estimate at any scored tick; hold {number(hold.rmse_3d_mm)} mm (RMSE in 3D)"
+    elif active != "hold":
         share = "beside" if entry.ratio_to_hold is None else f"{percent(entry.ratio_to_hold)} % of"
         text += f", {share} the {number(hold.rmse_3d_mm)} mm of repeating the newest position (hold)"
     yield Row("error", text)

@@ -84,11 +84,6 @@ class Guarded:
         place = "" if code is None else f" ({PurePath(code.co_filename).name}, line {code.co_firstlineno})"
         return f"{error}{place}"
 
-    @property
-    def never_answered(self) -> bool:
-        """Tell whether each of its steps failed, so that it has no score."""
-        return 0 < self.n_steps == self.n_faults
-
 
 def _told(error: BaseException) -> str:
     return f"{one_line(error)}{place_of(error, __file__)}"

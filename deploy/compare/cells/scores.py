@@ -131,7 +131,7 @@ class _Watch:
         self.estimators, self._methods = measure_estimators(patient), measure_methods(patient)
 
     def sums(self, scored: Mapping[Hand, Scored]) -> dict[Hand, dict[str, Any]]:
-        """Return the sums of each hand."""
+        """Return the sums of each hand; an estimator that failed at every scored tick has none."""
         recorded = {hand.hand: hand for hand in self._recording.hands}
         found = {}
         for model, estimators, methods in zip(self._models, self.estimators, self._methods, strict=True):
@@ -140,7 +140,9 @@ class _Watch:
             turned = wrist_sums(track, self._recording, recorded[hand], methods)
             found[hand] = {**hand_sums(track, ages_ns, model, estimators), "orientation": turned}
             for name, estimator in estimators.items():
-                if isinstance(estimator.inner, Guarded) and estimator.inner.never_answered:
+                n_missing = found[hand]["estimators"][name]["n_missing"]
+                failed = isinstance(estimator.inner, Guarded) and estimator.inner.first is not None
+                if failed and 0 < n_missing == found[hand]["n_scored"]:
                     del found[hand]["estimators"][name]
         return found
 

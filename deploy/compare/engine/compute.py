@@ -45,13 +45,13 @@ class Outcome:
     n_resumed: int = 0
 
     def without_answer(self) -> dict[str, str]:
-        """Return the user-defined estimators that failed at every step of a hand in a twin, and so have no score."""
+        """Return the user-defined estimators that failed at every scored tick of a hand in a twin: no score."""
         found: dict[str, str] = {}
         for result in self.cells.values():
             for name, about in result.get("own_faults", {}).items():
                 if any(name not in hand["estimators"] for hand in result["hands"].values()):
-                    where = f"{result['trial']}, seed {result['seed']}, at {about['first']}"
-                    found.setdefault(name, f"failed at every step of a twin, and has no score: {where}")
+                    where = f"{result['trial']}, seed {result['seed']}, first at {about['first']}"
+                    found.setdefault(name, f"failed at every scored tick of a twin, and has no score: {where}")
         return found
 
     def check(self) -> None:

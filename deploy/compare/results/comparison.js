@@ -48,7 +48,7 @@
   const empty = () => ({ x: [], y: [], low: [], high: [], at: [], band: [], ticks: [], people: [], estimator: [] });
   const add = (columns, e, x, y, interval, at, ticks, people) => {
     const [low, high] = interval ?? [NaN, NaN];
-    const row = { x, y, low, high, at, band: interval ? `(${between(interval)})` : "", ticks, people, estimator: about.estimators[e] };
+    const row = { x, y, low, high, at, band: interval ? `(${between(interval)})` : "", ticks, people, estimator: about.labels[e] };
     for (const name in row) columns[name].push(row[name]);
   };
   const fill = (name, columns, visible) => {
@@ -135,11 +135,14 @@
 
   const drawTable = (groups, visible) => {
     const scores = visible.map((e) => [e, pool.scores(groups, e)]);
+    const hold = groups.length ? pool.scores(groups, about.estimators.indexOf("hold"), false) : null;
+    // One without a scored tick, where hold has some, gave no estimate at any of these.
+    const named = (e, found) => (hold?.n_scored && !found.n_scored ? `${about.estimators[e]} failed` : about.labels[e]);
     scores.sort(([, one], [, other]) => (one.rmse_3d_mm ?? Infinity) - (other.rmse_3d_mm ?? Infinity));
     const rows = scores.map(([e, found]) => {
       const row = document.createElement("tr");
       const cells = [
-        about.estimators[e], ...found.r2_pct.map((value) => fixed(value, 2)), fixed(found.rmse_3d_mm),
+        named(e, found), ...found.r2_pct.map((value) => fixed(value, 2)), fixed(found.rmse_3d_mm),
         between(found.rmse_3d_mm_interval_95) || "-", fixed(found.ratio_to_hold), between(found.ratio_to_hold_interval_95) || "-",
         fixed(found.coverage_pct, 1), found.n_scored.toLocaleString("en"), found.n_people,
       ];
@@ -151,7 +154,7 @@
       return row;
     });
     byId("rows").replaceChildren(...rows);
-    return groups.length ? pool.scores(groups, about.estimators.indexOf("hold"), false) : null;
+    return hold;
   };
   const heads = all("#table thead th").map((cell) => cell.textContent);
 

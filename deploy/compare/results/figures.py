@@ -1,6 +1,6 @@
 """Matplotlib figures of a comparison: ratio to hold by settings that are no scale, error against age."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.pooled import band_words
-from tis.deploy.compare.results.report import numeric_axes
+from tis.deploy.compare.results.report import labels, numeric_axes, star_note
 from tis.deploy.present.palette import look_of
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 
@@ -22,6 +22,7 @@ _SCORES: Final = (("ratio_to_hold", "3D RMSE over hold's", 2.0), ("rmse_3d_mm", 
 """Score, label, and the highest value shown: of the ratio itself, of the RMSE over the largest of hold."""
 _MAX_PANELS: Final = 5
 _PANEL_IN: Final = 2.4
+_BESIDE_HOLD: Final = "Error beside holding the newest value"
 
 
 def curves_figure(report: dict[str, Any]) -> Figure | None:
@@ -40,11 +41,16 @@ def curves_figure(report: dict[str, Any]) -> Figure | None:
         figure = Figure(figsize=size, layout="constrained")
         parts = figure.subfigures(len(paths), 1, squeeze=False)[:, 0]
         for part, path, panels in zip(parts, paths, each, strict=True):
-            _draw(part, path, panels, report["rows"])
+            _draw(part, path, panels, report["rows"], labels(report))
         handles, names = parts[0].axes[0].get_legend_handles_labels()
         figure.legend(handles, names, loc="outside lower center", ncols=4)
-        figure.suptitle(f"Error beside holding the newest value\n{band_words(report)}", fontsize=8.5)
+        figure.suptitle(_title(report, _BESIDE_HOLD, band_words(report)), fontsize=8.5)
     return figure
+
+
+def _title(report: dict[str, Any], *lines: str) -> str:
+    """Return the lines of a figure's title, and below them what a star means if the report has one."""
+    return "\n".join(filter(None, [*lines, star_note(report)]))
 
 
 def _panels(report: dict[str, Any], path: str) -> dict[str, Rows]:
@@ -57,18 +63,17 @@ def _panels(report: dict[str, Any], path: str) -> dict[str, Rows]:
     return dict(panels)
 
 
-def _draw(part: SubFigure, path: str, panels: dict[str, Rows], all_rows: Rows) -> None:
+def _draw(part: SubFigure, path: str, panels: dict[str, Rows], all_rows: Rows, named: Mapping[str, str]) -> None:
     """Draw a row of panels for each score."""
     titles = list(panels)
     if len(titles) > _MAX_PANELS:
         titles = [titles[i] for i in np.linspace(0, len(titles) - 1, _MAX_PANELS).round().astype(int)]
         part.suptitle(f"{_MAX_PANELS} of {len(panels)} settings of the other axes", fontsize=8)
     each = part.subplots(2, len(titles), squeeze=False, sharex=True, sharey="row")
-    names = list(dict.fromkeys(row["estimator"] for row in all_rows))
     held = [row["rmse_3d_mm"] for row in all_rows if row["estimator"] == "hold" and row["rmse_3d_mm"] is not None]
     for line, (score, label, most) in zip(each, _SCORES, strict=True):
         for axes, title in zip(line, titles, strict=True):
-            _panel(axes, panels[title], path, score, names)
+            _panel(axes, panels[title], path, score, named)
             axes.set_title(title if score == "ratio_to_hold" else "", loc="left")
         unit = 1.0 if score == "ratio_to_hold" else max(held, default=1.0)
         line[0].set_ylabel(label)
@@ -77,13 +82,14 @@ def _draw(part: SubFigure, path: str, panels: dict[str, Rows], all_rows: Rows) -
         axes.set_xlabel(axis_words(path))
 
 
-def _panel(axes: Axes, rows: Rows, path: str, score: str, names: Sequence[str]) -> None:
-    """Draw the line of each estimator with its band."""
+def _panel(axes: Axes, rows: Rows, path: str, score: str, named: Mapping[str, str]) -> None:
+    """Draw the line of each estimator with its band; ``named`` has their names in the legend."""
+    names = list(named)
     for name in names:
         own = [row for row in rows if row["estimator"] == name and row[score] is not None]
         own.sort(key=lambda row: float(row["at"][path]))
         places = [float(row["at"][path]) for row in own]
-        draw_line(axes, name, names, places, [row[score] for row in own])
+        draw_line(axes, name, names, places, [row[score] for row in own], named[name])
         bounds = [(x, row.get(f"{score}_interval_95")) for x, row in zip(places, own, strict=True)]
         bands = [(x, *interval) for x, interval in bounds if interval is not None]
         if bands:
@@ -105,8 +111,13 @@ def tone(name: str, names: Sequence[str]) -> str:
     return look_of(name, names).tone.light
 
 
-def draw_line(axes: Axes, name: str, names: Sequence[str], x: Sequence[float], y: Sequence[float]) -> None:
-    """Draw the line of one estimator of several; where it is not solid, its markers are hollow."""
+def draw_line(
+    axes: Axes, name: str, names: Sequence[str], x: Sequence[float], y: Sequence[float], label: str = ""
+) -> None:
+    """Draw the line of one estimator of several; where it is not solid, its markers are hollow.
+
+    ``label`` names it in the legend, without one its name.
+    """
     look, marker = look_of(name, names), _MARKERS[list(names).index(name) % len(_MARKERS)]
     axes.plot(
         x,
@@ -117,7 +128,7 @@ def draw_line(axes: Axes, name: str, names: Sequence[str], x: Sequence[float], y
         marker=marker,
         markersize=4.5,
         markerfacecolor=look.tone.light if look.dash == "solid" else "white",
-        label=name,
+        label=label or name,
     )
 
 
@@ -131,7 +142,8 @@ def ratio_figure(report: dict[str, Any]) -> Figure | None:
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
     if len(settings) < 2 or numeric_axes(report):
         return None
-    names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
+    named = labels(report)
+    names = list(named)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5.5, 3.6), layout="constrained")
         axes = figure.subplots()
@@ -139,7 +151,8 @@ def ratio_figure(report: dict[str, Any]) -> Figure | None:
             rows = {row["setting"]: row for row in report["rows"] if row["estimator"] == name}
             shown = [(x, rows[s]) for x, s in enumerate(settings) if s in rows]
             shown = [(x, row) for x, row in shown if row["ratio_to_hold"] is not None]
-            draw_line(axes, name, names, [x for x, _ in shown], [row["ratio_to_hold"] for _, row in shown])
+            ratios = [row["ratio_to_hold"] for _, row in shown]
+            draw_line(axes, name, names, [x for x, _ in shown], ratios, named[name])
             for x, row in shown:
                 interval = row["ratio_to_hold_interval_95"]
                 if interval is not None:
@@ -149,7 +162,7 @@ def ratio_figure(report: dict[str, Any]) -> Figure | None:
         axes.set_ylabel("3D RMSE over hold's")
         axes.set_ylim(0, min(2.0, 1.05 * max(axes.get_ylim()[1], 1.0)))
         bars = band_words(report).replace("ands", "ars")
-        axes.set_title(f"Error beside holding the newest value\n{bars}", loc="left")
+        axes.set_title(_title(report, _BESIDE_HOLD, bars), loc="left")
         axes.legend(ncols=2)
     return figure
 
@@ -173,9 +186,11 @@ def _heat_maps(report: dict[str, Any]) -> Figure:
             axes.set_xticks(range(len(xs)), xs, rotation=45 if len(xs) > 6 else 0)
             axes.set_yticks(range(len(ys)), ys)
             axes.set_xlabel(axis_words(across))
-            axes.set_title(name, loc="left")
+            axes.set_title(labels(report).get(name, name), loc="left")
         each[0].set_ylabel(axis_words(up))
         figure.colorbar(image, ax=list(each), label="3D RMSE over hold's")
+        if star_note(report):
+            figure.suptitle(star_note(report), fontsize=8.5)
     return figure
 
 
@@ -196,11 +211,12 @@ def age_figure(report: dict[str, Any]) -> Figure | None:
         for name, bins in by_age.items():
             pooled = [bins[low] for low in sorted(bins)]
             errors = [(squares / n) ** 0.5 for n, squares, _ in pooled]
-            draw_line(axes, name, list(by_age), [ages / n for n, _, ages in pooled], errors)
+            places = [ages / n for n, _, ages in pooled]
+            draw_line(axes, name, list(by_age), places, errors, labels(report)[name])
         axes.set_xlabel("age of the freshest sample, ms")
         axes.set_ylabel("3D RMSE, mm")
         top = max(row[1] / row[0] for row in by_age.get("hold", {}).values()) ** 0.5 if "hold" in by_age else None
         axes.set_ylim(0, None if not top else 1.6 * top)
-        axes.set_title("Error against age", loc="left")
+        axes.set_title(_title(report, "Error against age"), loc="left")
         axes.legend(ncols=2)
     return figure

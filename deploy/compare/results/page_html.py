@@ -1,10 +1,11 @@
 """``comparison.html``: filters, curves, map, error against age and table on one page, without a server."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from bokeh.models import ColumnDataSource, FixedTicker, HoverTool, LinearColorMapper
@@ -18,12 +19,14 @@ from tis.deploy.compare.results.felt_and_seen import CAPTION as FELT_AND_SEEN
 from tis.deploy.compare.results.felt_and_seen import felt_and_seen_table
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
+from tis.deploy.compare.results.report import labels, star_note
 from tis.deploy.compare.results.tables import (
     SENT,
     TURN_CAPTION,
     headline,
     setting_title,
     table_by_setting,
+    tables_by_setting,
     turn_table,
     warnings,
 )
@@ -43,28 +46,28 @@ _BAND_ALPHA: Final = 0.14
 _LARGEST_RATIO: Final = 1.2
 
 
-def curve_figures(names: Sequence[str]) -> Figure:
+def curve_figures(names: Sequence[str], named: Mapping[str, str]) -> Figure:
     """Return ratio and RMSE against an axis, a line with a band for each estimator."""
     plots = tuple(_lines(name, label, names, with_bands=True) for name, label in CURVES.items())
     caption = "Pooled over all that is chosen above; the axis is chosen here. The bands are over people."
     return Figure(
-        plots, "Errors along an axis", caption, "Error of each estimator against the chosen axis", _keys(names)
+        plots, "Errors along an axis", caption, "Error of each estimator against the chosen axis", _keys(names, named)
     )
 
 
-def age_figure(names: Sequence[str]) -> Figure:
+def age_figure(names: Sequence[str], named: Mapping[str, str]) -> Figure:
     """Return the 3D error against the age of the freshest sample."""
     plot = _lines("age", "3D RMSE, mm", names, with_bands=False)
     plot.xaxis.axis_label = "age of the freshest sample, ms"
     caption = "Age: how old the freshest sample is that has arrived by the tick. The ticks between two marks are one "
     caption += "point, at their mean age."
-    return Figure((plot,), "Error against age", caption, "Error of each estimator against age", _keys(names))
+    return Figure((plot,), "Error against age", caption, "Error of each estimator against age", _keys(names, named))
 
 
-def _keys(names: Sequence[str]) -> tuple[Key, ...]:
+def _keys(names: Sequence[str], named: Mapping[str, str]) -> tuple[Key, ...]:
     """Return the legend of a figure's lines; what is shown is chosen above."""
     return tuple(
-        replace(key, toggles=False)
+        replace(key, name=named.get(key.name, key.name), toggles=False)
         for key in line_keys({name: LineStyle(look_of(name, names), 1.8, shown=True) for name in names})
     )
 
@@ -131,6 +134,8 @@ _COUNTS: Final = ("ticks", "people")
 _POOLED: Final = '<p class="pooled"></p>'
 """Where the script tells which values the figures pool."""
 _WHATEVER: Final = "All people and hands, whatever is chosen above."
+_PLAIN: Final[Mapping[str, str]] = MappingProxyType({})
+"""Labels of names that are shown as they are."""
 _MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
 
 
@@ -140,21 +145,23 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     computed = [one for one in report["settings"] if one["n_cells"]]
     found += note(f"{setting_title(computed[0])} ({SENT}).") if len(computed) == 1 else ""
     found += note("Network: " + "; ".join(report["network"]) + ".") if report.get("network") else ""
-    found += problem_list((), warnings(report))
+    found += problem_list([*report["own_faults"], *report["failed"], *report["unscored"]], warnings(report))
+    named = _named(report)
+    filters = _filters(sums, named)
     sections = [
         Section("answer", "The answer", markup=found),
-        Section("choose", "What is shown", markup=_filters(sums) + _POOLED + '<p class="note" id="words"></p>'),
+        Section("choose", "What is shown", markup=f'{filters}{_POOLED}<p class="note" id="words"></p>'),
     ]
     if sums.axes:
         choice = _select("x-axis", "Axis", list(sums.axes))
-        sections.append(Section("curves", "Curves", [curve_figures(sums.estimators)], before=choice))
+        sections.append(Section("curves", "Curves", [curve_figures(sums.estimators, named)], before=choice))
     if len(sums.axes) > 1 and not report["zipped"]:
         paths = list(sums.axes)
         choice = _select("across", "Across", paths, 1) + _select("up", "Up", paths)
         others = [name for name in sums.estimators if name != "hold"] or list(sums.estimators)
         choice += _select("of", "Estimator", others)
         sections.append(Section("map", "Map", [heat_figure()], before=f'<div class="choices">{choice}</div>'))
-    sections.append(Section("age", "Age", [age_figure(sums.estimators)]))
+    sections.append(Section("age", "Age", [age_figure(sums.estimators, named)]))
     sections.append(Section("table", "Table", markup=_tables(report)))
     if report["orientation"]:
         turns = turn_table(report["orientation"], "Orientation and gripper", settings=True).html()
@@ -165,7 +172,9 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
         sections.append(Section("felt", "Touch and sight", markup=felt + note(f"{FELT_AND_SEEN}. {_WHATEVER}")))
     command = f"<pre><code>{escape(report['command'])}</code></pre>"
     sections.append(Section("repeat", "How to repeat it", markup=command))
-    about = json.dumps(sums.about() | {"synthetic": report["source"] == "synthetic"}, allow_nan=False)
+    shown = [named.get(name, name) for name in sums.estimators]
+    more = {"synthetic": report["source"] == "synthetic", "labels": shown}
+    about = json.dumps(sums.about() | more, allow_nan=False)
     about = about.replace("<", "\\u003c")  # no text may end the element that holds it
     data = f'<script type="application/json" id="about">{about}</script>'
     data += f'<script type="text/plain" id="sums">{sums.packed()}</script>'
@@ -186,8 +195,14 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     )
 
 
-def _filters(sums: PageSums) -> str:
-    parts = [_chips("estimators", "Estimators", sums.estimators, marks=True)]
+def _named(report: dict[str, Any]) -> dict[str, str]:
+    """Return the estimators' names as they are shown: one that has no score at any setting as failed."""
+    failed = {name: f"{name} failed" for about in report["settings"] for name in about.get("failed", ())}
+    return failed | labels(report)
+
+
+def _filters(sums: PageSums, named: Mapping[str, str]) -> str:
+    parts = [_chips("estimators", "Estimators", sums.estimators, named, marks=True)]
     if len(sums.people) > 1:
         parts.append(_chips("people", "People", sums.people))
     if len(sums.hands) > 1:
@@ -202,11 +217,13 @@ def _filters(sums: PageSums) -> str:
     return f'<div class="filters">{"".join(parts)}</div>'
 
 
-def _chips(kind: str, title: str, names: Sequence[str], marks: bool = False) -> str:
+def _chips(
+    kind: str, title: str, names: Sequence[str], named: Mapping[str, str] = _PLAIN, marks: bool = False
+) -> str:
     """Return buttons, one for each name, that choose it or leave it out; and two for all and none."""
     chips = "".join(
         f'<li><button type="button" data-chip="{kind}" data-place="{i}" aria-pressed="true">'
-        f"{_mark(name, names) if marks else ''}{escape(name)}</button></li>"
+        f"{_mark(name, names) if marks else ''}{escape(named.get(name, name))}</button></li>"
         for i, name in enumerate(names)
     )
     both = "".join(
@@ -236,16 +253,19 @@ def _tables(report: dict[str, Any]) -> str:
     axis = "".join(axis_words(path) for path in report["axes"][:1])
     found = table_by_setting(report, f"3D RMSE in mm (over hold's), by {axis}")
     if found is None:
-        return _table()
-    found = replace(found, note=_WHATEVER)
-    return f'<div class="wide">{found.html()}</div>' + folded("Pooled over what is chosen above", _table())
+        return _table(report)
+    found = replace(found, note=". ".join(filter(None, [star_note(report), _WHATEVER])))
+    return f'<div class="wide">{found.html()}</div>' + folded("Pooled over what is chosen above", _table(report))
 
 
-def _table() -> str:
+def _table(report: dict[str, Any]) -> str:
+    """Return the table that the script fills; a browser without scripts shows the scores by setting in its place."""
     head = "".join(f'<th scope="col">{text}</th>' for text in (*_COLUMNS, *_COUNTS))
     note = (
         "Pooled over all that is chosen, every tick with the same weight. Ratio: 3D RMSE over that of hold on the "
         "same ticks. Cover: share of the errors within the 95 % ellipsoid. 95 %: bootstrap interval over people."
     )
+    note += f" {star_note(report)}." if star_note(report) else ""
     found = f'<table><thead><tr>{head}</tr></thead><tbody id="rows"></tbody></table>'
-    return f'{_POOLED}<div class="wide">{found}</div><p class="note">{note}</p>'
+    each = "".join(table.html() for table in tables_by_setting(report))
+    return f'<noscript>{each}</noscript>{_POOLED}<div class="wide">{found}</div><p class="note">{note}</p>'

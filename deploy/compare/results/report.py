@@ -5,6 +5,7 @@ from math import isfinite
 from typing import Any, Final
 
 from tis.common.runtime.scenario_files import load_traces
+from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.sources.table_columns import in_few
 from tis.common.units import NM_PER_MM, NS_PER_MS, NS_PER_US
 from tis.deploy.compare.cells.cell import Cell
@@ -15,6 +16,7 @@ from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.felt_and_seen import felt_and_seen_row
 from tis.deploy.compare.results.orientation_rows import orientation_rows
 from tis.deploy.compare.results.pooled import person, pooled, rivalries
+from tis.deploy.report.subjects.accuracy import MAX_WITHOUT_ESTIMATE
 from tis.netem.expected.figures import synopsis
 
 # Axes of a comparison whose values are numbers: these can be drawn to scale and stored as numbers.
@@ -39,6 +41,28 @@ def numeric_axes(report: dict[str, Any]) -> list[str]:
     return found
 
 
+def labels(report: Mapping[str, Any]) -> dict[str, str]:
+    """Return each scored estimator's name for tables and figures, with a star if `is_starred`."""
+    starred = {row["estimator"] for row in report["rows"] if is_starred(row)}
+    return {name: f"{name} *" if name in starred else name for name in (row["estimator"] for row in report["rows"])}
+
+
+def is_starred(row: Mapping[str, Any]) -> bool:
+    """Tell whether an estimator failed in some step, or one of the user's often gave no estimate."""
+    return bool(row.get("faulty_steps")) or _is_silent(row)
+
+
+def _is_silent(row: Mapping[str, Any]) -> bool:
+    is_often = row.get("n_missing", 0) > MAX_WITHOUT_ESTIMATE * row.get("n_scored", 0)
+    return is_often and is_user_defined(row["estimator"])
+
+
+def star_note(report: Mapping[str, Any]) -> str:
+    """Return what the star of `labels` means; "" without one."""
+    text = "* failed, or gave no estimate, at some ticks, where hold's is scored in its place"
+    return text if any(map(is_starred, report["rows"])) else ""
+
+
 Hands = list[dict[str, Any]]
 
 ERROR_PERCENTS: Final = (50, 95, 99, 100)
@@ -51,6 +75,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
     for cell in plan.cells:
         cells.setdefault(cell.setting, []).append(cell)
     settings = [_setting(plan, outcome, point, cells.get(point.label, [])) for point in plan.points]
+    rows = [row for setting in settings for row in setting["rows"]]
     results = [*outcome.trainings.values(), *outcome.cells.values()]
     scored = {row["trial"] for setting in settings for row in setting["by_trial"] if row["n_scored"]}
     return {
@@ -69,7 +94,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "n_cells": len(plan.cells),
         "n_computed": len(outcome.cells),
         "n_resumed": outcome.n_resumed,
-        "rows": [row for setting in settings for row in setting["rows"]],
+        "rows": rows,
         "by_trial": [row for setting in settings for row in setting["by_trial"]],
         "orientation": [row for setting in settings for row in setting["orientation"]],
         "touch_and_sight": [row for setting in settings if (row := setting["touch_and_sight"]) is not None],
@@ -80,7 +105,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "unscored": _unscored(plan, outcome),
         "topologies": sorted({cell.scenario.topology for cell in plan.cells}),
         "warnings": list(dict.fromkeys(text for result in results for text in result["warnings"])),
-        "own_faults": _own_faults(outcome),
+        "own_faults": [*_own_faults(outcome), *_silent(rows)],
     }
 
 
@@ -219,6 +244,21 @@ def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
         f"{result['unscored']}"
         for label, result in found.items()
         if result.get("unscored") is not None
+    ]
+
+
+def _silent(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each estimator of the user's that did not fail, and yet often gave no estimate."""
+    counts: dict[str, list[int]] = {}
+    for row in rows:
+        found = counts.setdefault(row["estimator"], [0, 0, 0])
+        for i, name in enumerate(("n_missing", "n_scored", "faulty_steps")):
+            found[i] += row[name]
+    often = {row["estimator"] for row in rows if _is_silent(row)}
+    return [
+        f"* {name} gave no estimate at {n} of {of} scored ticks, where hold's is scored in its place"
+        for name, (n, of, n_faults) in counts.items()
+        if name in often and not n_faults
     ]
 
 

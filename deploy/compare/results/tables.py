@@ -13,6 +13,7 @@ from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.felt_and_seen import CAPTION as FELT_AND_SEEN
 from tis.deploy.compare.results.felt_and_seen import felt_and_seen_table
 from tis.deploy.compare.results.pooled import interval_note, origin
+from tis.deploy.compare.results.report import is_starred, labels, star_note
 from tis.deploy.present.notices import notices
 from tis.deploy.present.numbers import NONE, broken_name, fixed, number
 from tis.deploy.present.table import TIGHT, Column, Table
@@ -92,7 +93,7 @@ def scores_table(rows: Rows, title: str = "") -> Table:
 
 def _scores(row: Mapping[str, Any]) -> list[Any]:
     return [
-        f"{row['estimator']}{' failed' if row.get('failed') else ' *' if row.get('faulty_steps') else ''}",
+        f"{row['estimator']}{' failed' if row.get('failed') else ' *' if is_starred(row) else ''}",
         *row["r2_pct"],
         row["rmse_3d_mm"],
         row["ratio_to_hold"],
@@ -158,16 +159,18 @@ def ratio_table(report: Report, intervals: bool = True) -> Table:
     known = {(row["estimator"], row["setting"]): _ratio(row, intervals) for row in report["rows"]}
     known |= {(name, about["setting"]): "failed" for about in abouts for name in about.get("failed", ())}
     names = list(dict.fromkeys(name for name, _ in known))
+    heads = [labels(report).get(name, name) for name in names]
     if len(report["axes"]) > 1 or len(abouts) > _MAX_COLUMNS:
         # A line has no room for so many points.
         axes = [Column(_last(path), words=len(report["axes"]) > 1 or i == 0) for i, path in enumerate(report["axes"])]
         points = [
             (*about["at"].values(), *(known.get((name, about["setting"])) for name in names)) for about in abouts
         ]
-        return Table("", [*axes, *names], points)
+        return Table("", [*axes, *heads], points)
     settings = [about["setting"] for about in abouts]
-    heads = ["ratio to hold" if setting is None else str(setting) for setting in settings]
-    return Table("", ["estimator", *heads], [[name, *(known.get((name, s)) for s in settings)] for name in names])
+    columns = ["ratio to hold" if setting is None else str(setting) for setting in settings]
+    rows = [[head, *(known.get((name, s)) for s in settings)] for head, name in zip(heads, names, strict=True)]
+    return Table("", ["estimator", *columns], rows)
 
 
 def table_by_setting(report: Report, title: str = "") -> Table | None:
@@ -180,8 +183,9 @@ def table_by_setting(report: Report, title: str = "") -> Table | None:
     known |= {(name, about["setting"]): "failed" for about in abouts for name in about.get("failed", ())}
     settings = [about["setting"] for about in abouts]
     names = dict.fromkeys(name for name, _ in known)
-    rows = [[name, *(known.get((name, setting)) for setting in settings)] for name in names]
-    return Table(title, ["estimator", *map(str, settings)], rows)
+    label = labels(report)
+    rows = [[label.get(name, name), *(known.get((name, setting)) for setting in settings)] for name in names]
+    return Table(title, ["estimator", *map(str, settings)], rows, note=star_note(report))
 
 
 def turn_ratio_table(report: Report, degrees: bool = True) -> Table:
@@ -217,6 +221,12 @@ def _tables(report: Report) -> list[tuple[Table, Rows, Table | None]]:
             rows += [{**_WITHOUT_SCORE, "estimator": name} for name in about.get("failed", ())]
             found.append((scores_table(rows, setting_title(about)), rows, turn_table(turns) if turns else None))
     return found
+
+
+def tables_by_setting(report: Report) -> list[Table]:
+    """Return the scores of each setting, a table each; of more settings than a terminal shows, the ratios to hold."""
+    each = _tables(report)
+    return [scores for scores, _, _ in each] if len(each) <= _MAX_SHOWN else [ratio_table(report)]
 
 
 def setting_title(about: Mapping[str, Any]) -> str:
@@ -305,7 +315,7 @@ def markdown(report: Report) -> str:
         blocks += [felt_and_seen_table(report["touch_and_sight"], "Touch and sight").markdown(), f"{FELT_AND_SEEN}."]
     normalized = f"{_CAPTION}; {_NORMALIZED.head}: RMSE in units of the training rows' range"
     blocks.append(". ".join([normalized, *_turn_captions(report)]) + ".")
-    return "\n\n".join([*blocks, *_notes(report)]) + "\n"
+    return "\n\n".join([*blocks, *_notes(report), *report.get("failed", ())]) + "\n"
 
 
 def latex(report: Report) -> str:
@@ -313,6 +323,7 @@ def latex(report: Report) -> str:
     # A command that is longer than a line stays a comment.
     command = " ".join(report["command"].split())
     made = [f"{origin(report)} movement"] if origin(report) else []
+    made += [*report.get("own_faults", ()), *report.get("failed", ())]
     return ratio_table(report).latex(
         command, "RMSE in 3D over that of hold, with 95 % bootstrap intervals over people", *made
     )

@@ -73,12 +73,15 @@ class Scores(Section):
     clamped_pct: float | None = means(
         "Of `plant`: ticks whose set point in force lay outside what the arm's joints reach.", default=None
     )
-    failed: bool = means("True for an own estimator that failed in some step.", default=False)
+    failed: bool = means(
+        "True for an own estimator that failed in some step, or gave no estimate at over 1 % of the scored ticks.",
+        default=False,
+    )
 
     @property
     def without_answer(self) -> bool:
-        """Tell whether it failed, and gave no estimate at any scored tick, so that it has no score."""
-        return self.failed and 0 < self.n_scored == self.n_missing
+        """Tell whether it has no score, as it failed and gave no estimate at any scored tick."""
+        return self.rmse_3d_mm is None and 0 < self.n_scored == self.n_missing
 
     def label(self, name: str) -> str:
         """Return the estimator's name for tables, with a star if it failed in some step."""
@@ -90,7 +93,7 @@ _NO_SCORE: Final[Mapping[str, Any]] = {
     **dict.fromkeys(("r2_3d_pct", "nrmse_fit_3d_pct", "rmse_3d_mm", "max_3d_mm", "ratio_to_hold")),
 }
 _NAME_WIDTH: Final = 17
-_MAX_WITHOUT_ESTIMATE: Final = 0.01
+MAX_WITHOUT_ESTIMATE: Final = 0.01
 _MAX_BAR: Final = 3
 _CUT: Final = "\u00bb"
 
@@ -173,8 +176,23 @@ def with_failures(scores: Mapping[str, Scores], own: Mapping[str, OwnEstimator])
 
 
 def _marked(scores: Scores, failed: bool) -> Scores:
-    marked = scores.model_copy(update={"failed": failed})
-    return marked.model_copy(update=_NO_SCORE) if marked.without_answer else marked
+    never = failed and 0 < scores.n_scored == scores.n_missing
+    starred = failed or _often_missing(scores)
+    return scores.model_copy(update={"failed": starred, **(_NO_SCORE if never else {})})
+
+
+def _often_missing(scores: Scores) -> bool:
+    return scores.n_missing > MAX_WITHOUT_ESTIMATE * scores.n_scored
+
+
+def silent_texts(accuracy: Mapping[str, Scores], active: str, own: Mapping[str, OwnEstimator]) -> list[str]:
+    """Return a line for each estimator, but the active one, that did not fail and yet often gave no estimate."""
+    return [
+        f"* {name} gave no estimate at {one.n_missing} of {one.n_scored} scored ticks, where hold's is scored in its "
+        "place"
+        for name, one in accuracy.items()
+        if name != active and name in own and not own[name].failed and _often_missing(one)
+    ]
 
 
 def is_scored(accuracy: Mapping[str, Scores]) -> bool:
@@ -192,7 +210,7 @@ def without_estimate(accuracy: Mapping[str, Scores], active: str, own: Mapping[s
         text = f"accuracy: {name} failed at every scored tick, and has no score{why}"
         problems.append(problem(text, "mend the line that it names"))
     entry = accuracy.get(active)
-    if entry is None or active in failed or entry.n_missing <= _MAX_WITHOUT_ESTIMATE * entry.n_scored:
+    if entry is None or active in failed or not _often_missing(entry):
         return problems
     of = f"{entry.n_missing} of {entry.n_scored} scored ticks"
     text = f"accuracy: {active} gave no estimate at {of}, where hold's is scored"

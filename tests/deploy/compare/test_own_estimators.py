@@ -2,6 +2,7 @@
 
 import io
 import json
+from html import escape
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from tis.deploy.compare.results import tables
 
 FAILING = """
 from my_filter import AlphaBeta
+from tis.patient_side.estimators.protocol import Estimate
 
 class Filter(AlphaBeta):
     def step(self, state, playout, now_ns):
@@ -26,6 +28,14 @@ class Filter(AlphaBeta):
 class Always(AlphaBeta):
     def step(self, state, playout, now_ns):
         return state, playout.arm.no_such_thing
+
+class Late(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        return (state, Estimate(None)) if playout.arm.newest < 0 else (state, playout.arm.no_such_thing)
+
+class Silent(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        return state, Estimate(None)
 
 def picky(model):
     raise LookupError(f"nothing for {model.arm}")
@@ -70,7 +80,7 @@ def test_two_processes_compare_it_with_ours_and_what_fails_is_marked(
     (line,) = report["own_faults"]
     n_steps = sum(row["faulty_steps"] for row in report["rows"])
     assert line.startswith(f"* failing_own:Filter failed in {n_steps} of 360 steps of the twins in which it did")
-    assert line.endswith("RuntimeError: index divisible (failing_own.py, line 7)")
+    assert line.endswith("RuntimeError: index divisible (failing_own.py, line 8)")
     assert line in Path("kept/table.md").read_text()
     assert all(len(shown) <= 80 for shown in out.splitlines()[:-1])
     assert "failing_own:" in out
@@ -89,13 +99,43 @@ def test_what_fails_at_every_step_is_a_failed_row(there: Path, forked: None, wit
     assert [about["failed"] for about in report["settings"]] == [["failing_own:Always"]]
     [failed] = report["failed"]
     assert failed.startswith(
-        "failing_own:Always: failed at every step of a twin, and has no score: S001, seed 1, at "
+        "failing_own:Always: failed at every scored tick of a twin, and has no score: S001, seed 1, first at "
     )
-    assert failed.endswith("(failing_own.py, line 12)")
+    assert failed.endswith("(failing_own.py, line 13)")
     assert failed in err
     assert "Always failed" in out
     assert "failing_own:Always failed |" in Path("kept/table.md").read_text()
     assert "failing_own:Always & failed" in Path("kept/ratio.tex").read_text().replace("\\_", "_")
+
+
+def test_what_fails_at_every_scored_tick_has_no_score_and_what_is_silent_has_a_star(
+    there: Path, forked: None, without_figures: None
+) -> None:
+    names = "hold,failing_own:Late,failing_own:Silent"
+    code, out, err = compare("--estimators", names, "--out", "kept", "--jobs", "1", "--trials", "S001")
+    assert code == 5, out
+    report = json.loads(Path("kept/table.json").read_text())
+    assert [row["estimator"] for row in report["rows"]] == ["hold", "failing_own:Silent"]
+    assert "failing_own:Late: failed at every scored tick of a twin, and has no score: S001" in err
+    n = report["rows"][1]["n_scored"]
+    told = f"* failing_own:Silent gave no estimate at {n} of {n} scored ticks, where hold's is scored in its place"
+    assert report["own_faults"] == [told]
+    assert "failing_own:Silent * |" in Path("kept/table.md").read_text()
+
+
+def test_what_failed_in_some_steps_is_marked_in_every_file(there: Path, forked: None) -> None:
+    words = ["--estimators", "hold,failing_own:Filter", "--out", "kept", "--jobs", "1", "--trials", "S001"]
+    code, _, err = compare(*words, "--sweep", "network.forward.delay.delay_ms=33,100")
+    assert code == 0, err
+    (line,) = json.loads(Path("kept/table.json").read_text())["own_faults"]
+    page = Path("kept/comparison.html").read_text()
+    assert escape(line) in page.replace("\u00a0", " ")
+    assert page.count("failing_own:Filter *") >= 4  # chip, table, legends and the script's names
+    assert "failing_own:Filter *" in Path("kept/ratio.tex").read_text().replace("\\_", "_")
+    assert f"% {line}" in Path("kept/ratio.tex").read_text()
+    star = "* failed, or gave no estimate, at some ticks, where hold's is scored in its place"
+    for name in ("curves.svg", "error_by_age.svg"):
+        assert star in Path("kept", name).read_text()
 
 
 def test_other_code_is_other_twins_and_the_same_models(there: Path, own_folder: Path) -> None:
@@ -113,7 +153,7 @@ def test_other_code_is_other_twins_and_the_same_models(there: Path, own_folder: 
 def test_a_factory_that_gives_none_ends_the_comparison_before_any_twin(there: Path, in_this_process: None) -> None:
     code, out, err = compare("--estimators", "hold,failing_own:picky", "--out", "kept", "--jobs", "1")
     assert (code, out) == (2, "")
-    rule = "raised LookupError: nothing for PSM2 (failing_own.py, line 15), when it was given the model"
+    rule = "raised LookupError: nothing for PSM2 (failing_own.py, line 24), when it was given the model"
     assert f"tis: estimators: failing_own:picky: {rule}" in err.splitlines()
     assert sum("failing_own:picky" in line for line in err.splitlines()) == 1
     assert not Path("kept/cells").exists()

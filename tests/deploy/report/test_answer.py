@@ -118,7 +118,10 @@ def test_hold_may_be_the_one_that_acts() -> None:
     )
 
 
-@pytest.mark.parametrize("accuracy", [{}, {"hold": _entry(None, None), "innovations_kf": _entry(None, None)}])
+UNSCORED = _entry(None, None) | {"n_scored": 0, "n_missing": 0}
+
+
+@pytest.mark.parametrize("accuracy", [{}, {"hold": UNSCORED, "innovations_kf": UNSCORED}])
 def test_what_is_not_known_is_said_to_be_unknown(accuracy: dict[str, Any]) -> None:
     summary = _summary(accuracy, (None, None))
     summary["latency_ms"]["end_to_end"] = {"p50": None, "p99": None}

@@ -217,6 +217,7 @@ def test_an_active_estimator_without_estimates_makes_a_run_invalid(
         rule = f"gave no estimate at {n_scored} of {n_scored} scored ticks, where hold's is scored"
     else:
         assert first["reason"].startswith(reason)
+        assert "useless:Useless failed: no estimate at any scored tick; hold " in " ".join(out.split())
         rule = f"failed at every scored tick, and has no score: {first['reason']}"
     assert causes(summary["problems"]) == [f"accuracy: useless:Useless {rule}"]
 
@@ -226,6 +227,7 @@ def test_an_estimator_that_always_fails_has_no_score_and_makes_a_run_invalid(own
     code, out, err = twin("useless:Useless", active="innovations_kf", more=("--no-merge",))
     assert code == 5, err
     assert "RuntimeError: no (useless.py, line 13)" in " ".join(out.split())
+    assert "not known" not in out
     score = json.loads(Path("run/summary.json").read_text())["accuracy"]["useless:Useless"]
     assert (score["failed"], score["rmse_3d_mm"], score["ratio_to_hold"], score["r2_pct"]) == (
         True,

@@ -215,3 +215,14 @@ def test_a_comparison_without_a_sweep_has_table_and_age_alone(tmp_path: Path) ->
     results = results_of(plan, outcome_of(plan, ("left",)), "tis compare")
     text = comparison_html(results.report, results.sums)
     assert re.findall(r'<section id="(\w+)"', text) == ["answer", "choose", "age", "table", "repeat"]
+
+
+def test_without_scripts_the_scores_of_each_setting_are_there() -> None:
+    plan = planned(axes=AXES, seeds=2)
+    results = results_of(plan, outcome_of(plan), "tis compare")
+    page = comparison_html(results.report, results.sums)
+    [table] = re.findall(r'<section id="table".*?</section>', page, re.DOTALL)
+    [shown] = re.findall(r"<noscript>(.*?)</noscript>", table, re.DOTALL)
+    for row in results.report["rows"]:
+        assert f">{row['ratio_to_hold']:.3f}</td>" in shown
+    assert shown.count("<table") == 6
