@@ -155,7 +155,8 @@ class ArmResponse(StoredModel):
 
     ``z = p - y + c`` is the way that the arm has yet to go, and ``pull`` the share of it per sample, by which an arm
     comes to rest where its command is. The offset c between the two is a random walk, whose step has ``drift`` times
-    the variance of w. Without pull, 0, increments alone tell where the arm is.
+    the variance of w. Without pull, 0, increments alone tell where the arm is. Samples of the arm have an error of
+    their own, whose variance is ``error`` times that of the command's innovations.
     """
 
     gain: Matrix
@@ -164,6 +165,7 @@ class ArmResponse(StoredModel):
     noise: Positive
     pull: Share = 0.0
     drift: NotNegative = 0.0
+    error: NotNegative = 0.0
 
     def shapes(self) -> Mapping[str, Shape]:
         """Return the shape of the gain."""

@@ -315,9 +315,7 @@ class InnovationsKf:
         # The grid of the run goes through the newest sample's own stamp.
         late = _late(playout, indices[-1]) if is_uneven and indices else 0.0
         if before is not None and is_uneven:
-            moved, what = self._sample(playout, before.source_index, late)
-            if self._gain is None or what == BOTH:
-                run[-1] = before = _moved(before, moved)
+            run[-1] = before = self._moved(before, playout, late)
         for index in indices:
             (sample, what), error = self._sample(playout, index, late), None
             if sample is None:
@@ -328,6 +326,8 @@ class InnovationsKf:
                     offset = stand_in.offset(pairs, playout)
                 sample, error = stand_in.gain.dot(through) + offset.offset_m, offset.error_m2
             before = self._after(before, index, sample, error, what)
+            if is_uneven:
+                before = before._replace(late=late)
             run.append(before)
         if not run:
             return state
@@ -366,6 +366,16 @@ class InnovationsKf:
         both[AXES:] = sample
         return both, BOTH
 
+    def _moved(self, before: Checkpoint, playout: Playout, late: float) -> Checkpoint:
+        """Return a checkpoint as a grid at ``late`` periods after the plan's instants sees it."""
+        index = before.source_index
+        (was, what), (now, _) = self._sample(playout, index, before.late), self._sample(playout, index, late)
+        if was is None or now is None or not (self._gain is None or what == BOTH):
+            return before
+        mean = before.mean.copy()
+        mean[self._shown[what]] += (now - was).reshape(-1, mean.shape[1])
+        return before._replace(mean=mean, late=late)
+
     def _complete(self, sample: Array, what: int) -> Array:
         """Return positions of command and arm (6,) where only one of them is known."""
         if what == BOTH or self._gain is None:
@@ -389,7 +399,7 @@ class InnovationsKf:
         if before is None or index - before.source_index > filter_.horizon:
             activity = self._activity.initial() if before is None else before.activity
             return self._begun(index, sample, what, error, ignored, activity)
-        last, mean, start, length, _, activity, phasor, _, _ = before
+        last, mean, start, length, _, activity, phasor, _, _, _ = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
@@ -496,12 +506,3 @@ def _late(playout: Playout, index: int) -> float:
     """Return how many periods after the plan's instant a sample was taken that has arrived in either stream."""
     stream = playout.arm if index in playout.arm else playout.command
     return stream.taken(index).late if stream.uneven else 0.0
-
-
-def _moved(before: Checkpoint, position_m: Array | None) -> Checkpoint:
-    """Return a checkpoint whose arm is at the position, as a grid through another stamp sees it."""
-    if position_m is None:
-        return before
-    mean = before.mean.copy()
-    mean[-(position_m.size // mean.shape[1]) :] = position_m.reshape(-1, mean.shape[1])
-    return before._replace(mean=mean)

@@ -159,7 +159,8 @@ class InnovationsFilter:
     Kronecker product of (M, M) with ``unit`` (3, 3), the innovations' covariance, of trace ``unit_trace``; else
     ``unit`` is 1.
 
-    ``n_following`` states belong to an arm that follows a command: 0 where the arm's own movement is modelled.
+    ``n_following`` states belong to an arm that follows a command: 0 where the arm's own movement is modelled. Its
+    samples have errors of covariance ``arm_error`` (d, d), in units of ``unit``; None: they are certain.
     ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions`` (H + 2, M, M) cover g
     steps at once, ``onward`` holds them one by one, and ``noises`` (H + 2, M, M) are the noise of g steps; ``steps``
     holds both again, transposed into BLAS's Fortran order. ``start_covariance`` (M, M) holds after a first sample
@@ -182,6 +183,7 @@ class InnovationsFilter:
     steps: tuple[tuple[Array, Array], ...]
     past: RecentPast | None = None
     n_following: int = 0
+    arm_error: Array | None = None
 
     @property
     def way(self) -> slice:
@@ -258,11 +260,12 @@ class InnovationsFilter:
         covariance = dgemm(1.0, step, dsymm(1.0, covariance, step), 1.0, noise, 1)
         what = self.usual if what is None else what
         if what != BOTH:
+            error = self.arm_error if error is None and what == ARM else error
             return self._shown(covariance, self.shown(what), error)
         # One after the other: the second innovation is what the first has left of it.
         last = self.shown(ARM)
         first, variance, left = self._shown(covariance, self.shown(COMMAND))
-        second, _, left = self._shown(left, last)
+        second, _, left = self._shown(left, last, self.arm_error)
         return np.hstack([first - second.dot(first[last]), second]), variance, left
 
     def _shown(self, covariance: Array, shown: slice, error: Array | None = None) -> Gain:
@@ -270,6 +273,8 @@ class InnovationsFilter:
         if self.n_axes == 1:
             # Update by one axis: its variance is a scalar.
             expected_square = covariance.item(shown.start, shown.start)
+            if error is not None:
+                expected_square += error.item()
             column = covariance[:, shown] / expected_square
             left = dgemm(-expected_square, column, column, 1.0, covariance, 0, 1, 1)
             return column, expected_square * self.unit_trace, left
@@ -326,7 +331,7 @@ def build_innovations_filter(
     if one_axis is not None:
         model = one_axis
     assert model.response is None or past is not None, "an arm follows the command's last increments"
-    # Transitions and noise of 0 .. H + 1 steps.
+    # One step; later 0 .. H + 1 of them.
     step, process_noise, axes = transition(model), noise(model), len(model.C)
     start = start_covariance(model)
     n_past = 0 if past is None else past.n_states * axes
@@ -334,7 +339,7 @@ def build_innovations_filter(
         step, process_noise = past.before(step, process_noise, axes)
         start = np.pad(start, (n_past, 0))
     mean_level = None if model.integrated else np.pad(level(model), ((0, 0), (n_past, 0)))
-    n_hand = len(step)
+    n_hand, arm_error = len(step), None
     if model.response is not None:
         step, process_noise, place = following(model.response, step, process_noise, model.Re)
         # The last increments are as unknown as the next one: a first move does not answer a large command.
@@ -344,16 +349,13 @@ def build_innovations_filter(
         for first in (0, n_hand - axes):
             lags = slice(first, first + N_INCREMENTS * axes)
             start[lags, lags] = np.kron(np.eye(N_INCREMENTS), unknown)
+        if model.response.error:
+            arm_error = model.response.error * model.Re
+            start[-axes:, -axes:] += arm_error
         if model.response.pull:
             start[-3 * axes : -2 * axes, -3 * axes : -2 * axes] = WAY_UNKNOWN * model.Re
         mean_level = None if mean_level is None else _spread_out(mean_level, place, len(step), axes)
-    size = len(step)
-    transitions, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
-    transitions[0] = np.eye(size)
-    for h in range(1, horizon + 2):
-        transitions[h] = step @ transitions[h - 1]
-        noises[h] = step @ noises[h - 1] @ step.T + process_noise
-        noises[h] = (noises[h] + noises[h].T) / 2
+    transitions, noises = _of_steps(step, process_noise, horizon + 1)
     across = noises[:, -axes:] @ step[-axes:].T
     return InnovationsFilter(
         level=mean_level,
@@ -370,7 +372,20 @@ def build_innovations_filter(
         steps=tuple(zip(transitions.transpose(0, 2, 1), noises.transpose(0, 2, 1), strict=True)),
         past=past,
         n_following=len(step) - n_hand,
+        arm_error=arm_error,
     )
+
+
+def _of_steps(step: Array, process_noise: Array, n_steps: int) -> tuple[Array, Array]:
+    """Return transitions and noise (n + 1, M, M) of 0 .. n steps at once."""
+    size = len(step)
+    transitions, noises = np.empty((n_steps + 1, size, size)), np.zeros((n_steps + 1, size, size))
+    transitions[0] = np.eye(size)
+    for h in range(1, n_steps + 1):
+        transitions[h] = step @ transitions[h - 1]
+        noises[h] = step @ noises[h - 1] @ step.T + process_noise
+        noises[h] = (noises[h] + noises[h].T) / 2
+    return transitions, noises
 
 
 def _spread_out(values: Array, place: NDArray[np.intp], size: int, n_rows: int | None = None) -> Array:

@@ -95,7 +95,7 @@ class Checkpoint(NamedTuple):
     samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
     filter as if it were certain, ``activity`` the one after the innovations up to here, ``phasor`` that of the clock
     behind the rows, ``jump`` the innovation of the sample where it was a jump, and ``astray`` the arm's own where no
-    command explains it.
+    command explains it. The sample was stated at ``late`` periods after the plan's instant.
     """
 
     source_index: int
@@ -107,6 +107,7 @@ class Checkpoint(NamedTuple):
     phasor: Phasor = NO_PHASE
     jump: Array | None = None
     astray: Astray | None = None
+    late: float = 0.0
 
 
 Ring = tuple[Checkpoint, ...]

@@ -5,7 +5,7 @@ The arm's own movement by a vector autoregression: `arx` where commands do not p
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import log
+from math import ceil, log
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.identification.arm_response import fit_response
 from tis.patient_side.identification.arx import ArxFactor
+from tis.patient_side.identification.instrumental_variables import fit_noisy_response
 from tis.patient_side.identification.level_and_scale import (
     LEVEL_STEPS,
     Calibrated,
@@ -47,6 +48,12 @@ _BETTER = 0.99
 """A structure with more parameters must be worth them."""
 _LEAST_NOISE = 1e-6
 """Variance of the arm's own innovations, in units of the command's."""
+_LOOK_BACK_S = 1 / 6
+"""Of a model with more block rows than were asked for, at high rates, where each row says little beyond its noise."""
+_MOST_BLOCK_ROWS = 60
+_SHARE = 0.01
+_HARDLY_BETTER = 0.999
+"""One response is no larger than another, and the errors of the rows that judge them hide what it is better by."""
 _NOT_WORSE = 1.003
 _HARDLY_WORSE = 1.02
 _TRADE = 0.1
@@ -79,7 +86,12 @@ class Candidate(NamedTuple):
     over_hold: Array
 
     def better_than(
-        self, other: "Candidate", rate_hz: int, not_worse: float = _NOT_WORSE, trade: float = 0.0
+        self,
+        other: "Candidate",
+        rate_hz: int,
+        not_worse: float = _NOT_WORSE,
+        trade: float = 0.0,
+        better: float = _BETTER,
     ) -> bool:
         """Return whether forecasts up to a second are better on average, and those over 0.5 to 2 s ``not_worse``.
 
@@ -92,7 +104,7 @@ class Candidate(NamedTuple):
         # Every octave counts the same.
         octaves = np.gradient(np.log(self.steps[near])) if np.count_nonzero(near) > 1 else np.ones(1)
         mean = float(np.exp(np.average(np.log(ratio[near]), weights=octaves)))
-        return mean < _BETTER and bool(np.all(ratio[far] <= max(not_worse, 1.0 + trade * (1.0 - mean))))
+        return mean < better and bool(np.all(ratio[far] <= max(not_worse, 1.0 + trade * (1.0 - mean))))
 
 
 def fit_innovations(
@@ -142,35 +154,77 @@ def fit_innovations(
     candidates, errors = _candidates(held_back, rate_hz, block_rows, order)
     best, doubts = _with_everything(candidates, held_back, rate_hz)
     commanded = None
-    if follows and (response := fit_response(trials, rate_hz)):
-        commanded = _commanded(response, trials, held_back, rate_hz, block_rows, best)
+    if follows:
+        commanded = _commanded(trials, held_back, rate_hz, block_rows, best)
     return FittedInnovations(best.model, errors, doubts, commanded)
 
 
 def _commanded(
-    response: ArmResponse,
-    trials: Sequence[Trial],
-    held_back: HeldBack,
-    rate_hz: int,
-    block_rows: int,
-    alone: Calibrated,
+    trials: Sequence[Trial], held_back: HeldBack, rate_hz: int, block_rows: int, alone: Calibrated
 ) -> InnovationsModel | None:
-    """Return the movement of the commands with the arm's response; None unless it is better than ``alone``."""
-    commands = tuple((u - u.mean(axis=0))[:, :AXES] @ response.gain.T for u, _ in trials)
-    candidates, _ = _candidates(replace(held_back, outputs=commands), rate_hz, block_rows, None)
-    hand = candidates[-1] if candidates[-1].better_than(candidates[0], rate_hz) else candidates[0]
-    # The response's noise was in m^2 until now.
-    noise = max(response.noise * AXES / float(np.trace(hand.model.Re)), _LEAST_NOISE)
-    model = replace(hand.model, response=replace(response, noise=noise))
-    found = with_scale(model, replace(held_back, commands=commands), rate_hz, corrected=True)
+    """Return the movement of the commands with the arm's response; None unless it is better than ``alone``.
+
+    The response is that of an arm whose samples are exact, or of one whose sensor errs, where that forecasts better.
+    """
+    best: Candidate | None = None
+    of_best = held_back
+    for response in filter(None, (fit_response(trials, rate_hz), fit_noisy_response(trials, rate_hz))):
+        model, of_arm = _with_response(response, trials, held_back, rate_hz, block_rows)
+        # Beneath errors of a sensor little tells the arm's own noise, which decides how long samples are averaged.
+        fitted = model.response
+        assert fitted is not None
+        for noise in (fitted.noise, _SHARE * fitted.noise, _LEAST_NOISE) if fitted.error else (fitted.noise,):
+            tried = replace(model, response=replace(fitted, noise=noise))
+            linear = with_scale(tried, of_arm, rate_hz)
+            other = Candidate(tried, (), linear.steps, linear.over_hold)
+            if best is None or other.better_than(best, rate_hz, better=_HARDLY_BETTER):
+                best, of_best = other, of_arm
+    if best is None:
+        return None
+    found = with_scale(best.model, of_best, rate_hz, corrected=True)
     judged = [Candidate(each.model, (), each.steps, each.over_hold) for each in (found, alone)]
     return found.model if judged[0].better_than(judged[1], rate_hz, _HARDLY_WORSE, _TRADE) else None
+
+
+def _with_response(
+    response: ArmResponse, trials: Sequence[Trial], held_back: HeldBack, rate_hz: int, block_rows: int
+) -> tuple[InnovationsModel, HeldBack]:
+    """Return the movement of the commands with a response, whose variances are in m^2, and the rows of both."""
+    commands = tuple((u - u.mean(axis=0))[:, :AXES] @ response.gain.T for u, _ in trials)
+    candidates, _ = _candidates(replace(held_back, outputs=commands), rate_hz, block_rows, None)
+    hand = candidates[0]
+    for other in candidates[1:]:
+        hand = other if other.better_than(hand, rate_hz) else hand
+    unit = float(np.trace(hand.model.Re)) / AXES
+    noise, error = max(response.noise / unit, _LEAST_NOISE), response.error / unit
+    model = replace(hand.model, response=replace(response, noise=noise, error=error))
+    return model, replace(held_back, commands=commands)
 
 
 def _candidates(
     held_back: HeldBack, rate_hz: int, block_rows: int, order: int | None
 ) -> tuple[list[Candidate], dict[Structure, dict[int, float]]]:
-    """Return the preferred structure, then the best of those that are clearly better, and the errors of all."""
+    """Return the preferred structure, then the best of those that are clearly better, and the errors of all.
+
+    At high rates those of models that look back further follow.
+    """
+    found, errors = _of_look_back(held_back, rate_hz, block_rows, order)
+    longer = min(ceil(_LOOK_BACK_S * rate_hz), _MOST_BLOCK_ROWS, _most_block_rows(held_back))
+    if longer > block_rows:
+        found += _of_look_back(held_back, rate_hz, longer, order)[0]
+    return found, errors
+
+
+def _most_block_rows(held_back: HeldBack) -> int:
+    """Return the largest number of block rows that the rows not held back allow: [Y_p; Y_f] has as many columns."""
+    n_trials = len(held_back.first_rows)
+    return int(sum(held_back.first_rows)) // (2 * (AXES + n_trials))
+
+
+def _of_look_back(
+    held_back: HeldBack, rate_hz: int, block_rows: int, order: int | None
+) -> tuple[list[Candidate], dict[Structure, dict[int, float]]]:
+    """Return the candidates, and the errors of all, of one number of block rows."""
     cuts = held_back.first_rows
     # Every structure and order on the first rows.
     tried: dict[Structure, dict[int, Tried]] = {}
@@ -195,20 +249,22 @@ def _candidates(
 def _with_everything(
     candidates: Sequence[Candidate], held_back: HeldBack, rate_hz: int
 ) -> tuple[Calibrated, tuple[str, ...]]:
-    """Return the model with its correction and scale: the first one, or the second where that is better with both.
+    """Return the model with its correction and scale: the first one, or another where that is better with both.
 
-    The second is corrected only if it is better without, as a correction takes longer to fit than a linear model.
+    Another is corrected only if it is better without, as a correction takes longer to fit than a linear model.
     """
-    first = with_scale(candidates[0].model, held_back, rate_hz, corrected=True)
-    if len(candidates) > 1 and candidates[1].better_than(candidates[0], rate_hz):
-        second = with_scale(candidates[1].model, held_back, rate_hz, corrected=True)
+    best, whole = candidates[0], with_scale(candidates[0].model, held_back, rate_hz, corrected=True)
+    for other in candidates[1:]:
+        if not other.better_than(best, rate_hz):
+            continue
+        found = with_scale(other.model, held_back, rate_hz, corrected=True)
         corrected = [
-            each._replace(over_hold=each.over_hold * whole.gain)
-            for each, whole in zip(candidates, (first, second), strict=True)
+            each if of.model.correction is None else each._replace(over_hold=each.over_hold * of.gain)
+            for each, of in ((other, found), (best, whole))
         ]
-        if corrected[1].better_than(corrected[0], rate_hz):
-            return second, candidates[1].warnings
-    return first, candidates[0].warnings
+        if corrected[0].better_than(corrected[1], rate_hz):
+            best, whole = other, found
+    return whole, best.warnings
 
 
 def _orders(structure: Structure, order: int | None) -> tuple[int, ...]:

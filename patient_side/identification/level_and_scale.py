@@ -296,7 +296,10 @@ def with_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int, *, co
         for h, each in zip(steps.tolist(), errors, strict=True):
             even = np.concatenate(each) / np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]
             by_chance = prediction_factor(independent_windows(len(even), h), model.order / AXES)
-            scale.append(by_chance * coverage_factor(even, filter_.spread(covariance, h, 0.0), h))
+            spread = filter_.spread(covariance, h, 0.0)
+            if filter_.arm_error is not None:  # the rows have errors of the sensor, which forecasts are not of
+                spread = spread + filter_.arm_error * filter_.unit
+            scale.append(by_chance * coverage_factor(even, spread, h))
         return np.array(scale)
 
     correction = None

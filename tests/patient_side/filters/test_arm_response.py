@@ -24,6 +24,7 @@ from tis.patient_side.movement_models import ArmResponse, InnovationsModel
 
 RESPONSE = ArmResponse(np.eye(3), np.array([0.9, -0.3, 0.1, 0.0]), np.array([0.05, 0.1, 0.1, 0.03, 0.02]), 0.01)
 PULLED = replace(RESPONSE, pull=0.1, drift=0.02)
+NOISY = replace(RESPONSE, error=4.0)
 OFFSET_M = 0.01
 
 
@@ -90,7 +91,7 @@ def test_the_forecast_is_the_regression_run_on(integrated: bool, response: ArmRe
 @given(
     shown=st.lists(st.sampled_from([ARM, COMMAND, BOTH]), min_size=1, max_size=12),
     seed=st.integers(0, 99),
-    response=st.sampled_from([RESPONSE, PULLED]),
+    response=st.sampled_from([RESPONSE, PULLED, NOISY]),
 )
 def test_of_one_axis_it_is_what_three_give(shown: list[int], seed: int, response: ArmResponse) -> None:
     rng = np.random.default_rng(seed)
@@ -105,10 +106,13 @@ def test_of_one_axis_it_is_what_three_give(shown: list[int], seed: int, response
 @settings(max_examples=20, deadline=None)
 @given(
     shown=st.lists(st.sampled_from([ARM, COMMAND, BOTH]), min_size=1, max_size=12),
-    response=st.sampled_from([RESPONSE, PULLED]),
+    response=st.sampled_from([RESPONSE, PULLED, NOISY]),
 )
 def test_a_sample_of_each_is_one_of_both(shown: list[int], response: ArmResponse) -> None:
-    """The covariance is that of conditioning on all that is shown, in one textbook update after another."""
+    """The covariance is that of conditioning on all that is shown, in one textbook update after another.
+
+    Only samples of the arm may have errors.
+    """
     filter_ = built(isotropic(integrated=True, response=response))
     covariance = np.array(filter_.start_covariance)
     expected = covariance.copy()
@@ -116,7 +120,10 @@ def test_a_sample_of_each_is_one_of_both(shown: list[int], response: ArmResponse
         _, _, covariance = filter_.gain(np.asfortranarray(covariance), 1, None, what)
         H = np.eye(filter_.n_states)[filter_.shown(what)]
         expected = filter_.transitions[1] @ expected @ filter_.transitions[1].T + filter_.noises[1]
-        expected -= expected @ H.T @ np.linalg.solve(H @ expected @ H.T, H @ expected)
+        errors = np.zeros((len(H), len(H)))
+        if what != COMMAND:
+            errors[-filter_.n_axes :, -filter_.n_axes :] = response.error * np.eye(filter_.n_axes)
+        expected -= expected @ H.T @ np.linalg.solve(H @ expected @ H.T + errors, H @ expected)
     assert covariance == pytest.approx(expected, rel=1e-6, abs=1e-9 * np.max(np.abs(expected)))
 
 
