@@ -12,7 +12,7 @@ from tis.common.sources.plausibility import FAR
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.subjects.accuracy import is_scored, without_estimate
+from tis.deploy.report.subjects.accuracy import is_scored, slow_estimators, without_estimate
 from tis.deploy.report.subjects.devices import is_foreign, silent_camera, silent_programs
 from tis.deploy.report.subjects.intrusion import evidence_problems, quarantine_texts
 from tis.deploy.report.subjects.latency import sent_after_arrival
@@ -166,7 +166,8 @@ def _starved(summary: Summary, scenario: Scenario, logs: RunLogs, unused: bool) 
     for name, side, ticks, _ in owners:
         missed, count = ticks.missed or 0, ticks.count
         if count is not None and missed > _MAX_MISSED_TICKS * count:
-            why, cure = _why_missed(logs, side)
+            slow = slow_estimators(summary.accuracy, len(summary.scores_by_hand), scenario.rate_hz)
+            why, cure = _why_missed(logs, side, slow if side == "patient" else "")
             problems.append(problem(f"{name}: {missed} of {count} missed, {why}", cure))
     for direction, link in summary.links.items():
         unplanned, sent = link.unplanned_loss, link.sent
@@ -187,8 +188,11 @@ def _while_away(logs: RunLogs) -> str:
     return f", with {' and '.join(counted)} away for a while" if counted else ""
 
 
-def _why_missed(logs: RunLogs, side: Side) -> tuple[str, str]:
-    """Return why ticks were missed, and the cure: the side was away or stood still, or the machine was busy."""
+def _why_missed(logs: RunLogs, side: Side, slow: str = "") -> tuple[str, str]:
+    """Return why ticks were missed, and the cure: the side was away or stood still, or the machine was busy.
+
+    ``slow`` tells of estimators that alone take longer than a tick.
+    """
     if side == "surgeon" and is_foreign(logs):
         return "as the foreign surgeon sent no such sample in time that could be used", "let it send earlier"
     covered = logs.coverage(side)
@@ -199,6 +203,8 @@ def _why_missed(logs: RunLogs, side: Side) -> tuple[str, str]:
     for event, words in _OWN_CAUSES.items():
         if event in told:
             return f"as {words}", _LIVES[event][1]
+    if slow:
+        return slow, "make it faster, leave it out, or lower rate_hz; in tis twin time is virtual"
     cure = "free the processors, or use tis twin, whose time is virtual"
     return f"the machine is too busy{contention_clause(shares_of(logs, side), side)}", cure
 

@@ -16,6 +16,7 @@ from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.felt_and_seen import felt_and_seen_row
 from tis.deploy.compare.results.orientation_rows import orientation_rows
 from tis.deploy.compare.results.pooled import person, pooled, rivalries
+from tis.deploy.present.numbers import number
 from tis.deploy.report.subjects.accuracy import MAX_WITHOUT_ESTIMATE
 from tis.netem.expected.figures import synopsis
 
@@ -77,6 +78,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
     settings = [_setting(plan, outcome, point, cells.get(point.label, [])) for point in plan.points]
     rows = [row for setting in settings for row in setting["rows"]]
     results = [*outcome.trainings.values(), *outcome.cells.values()]
+    warnings = [*(text for result in results for text in result["warnings"]), *_slow(plan, rows)]
     scored = {row["trial"] for setting in settings for row in setting["by_trial"] if row["n_scored"]}
     return {
         "scenario": plan.name,
@@ -104,7 +106,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         + [str(fault) for fault in plan.refused],
         "unscored": _unscored(plan, outcome),
         "topologies": sorted({cell.scenario.topology for cell in plan.cells}),
-        "warnings": list(dict.fromkeys(text for result in results for text in result["warnings"])),
+        "warnings": list(dict.fromkeys(warnings)),
         "own_faults": [*_own_faults(outcome), *_silent(rows)],
     }
 
@@ -245,6 +247,18 @@ def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
         for label, result in found.items()
         if result.get("unscored") is not None
     ]
+
+
+def _slow(plan: Plan, rows: Sequence[Mapping[str, Any]]) -> Iterable[str]:
+    """Yield a warning of each estimator whose step takes longer than a tick: a live run would miss ticks."""
+    rates_hz = {cell.setting: cell.scenario.rate_hz for cell in plan.cells}
+    told: set[str] = set()
+    for row in rows:
+        name, step_us, tick_ms = row["estimator"], row["step_us"]["p50"], 1000 / rates_hz[row["setting"]]
+        if step_us is not None and step_us > 1000 * tick_ms and name not in told:
+            told.add(name)
+            takes, lasts = number(step_us / 1000), number(tick_ms)
+            yield f"{name} takes {takes} ms a step at the median, a tick lasts {lasts} ms: live it would miss ticks"
 
 
 def _silent(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -14,7 +14,7 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import Scorable, score
 from tis.common.records import PLANT
 from tis.common.scenario import Scenario
-from tis.common.units import NS_PER_US, sample_index
+from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US, sample_index
 from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import broken_name, interval, number, percent
@@ -215,6 +215,32 @@ def without_estimate(accuracy: Mapping[str, Scores], active: str, own: Mapping[s
     of = f"{entry.n_missing} of {entry.n_scored} scored ticks"
     text = f"accuracy: {active} gave no estimate at {of}, where hold's is scored"
     return [*problems, problem(text, "the report has its first failure")]
+
+
+def slow_estimators(accuracy: Mapping[str, Scores], n_hands: int, rate_hz: int) -> str:
+    """Return that the estimators' steps take longer than a tick, and which takes longest; "" where they do not.
+
+    That is at the median of all together, or of one alone in a hundredth of its steps, which no other one needs.
+    """
+    tick_us = NS_PER_S / NS_PER_US / rate_hz
+    medians, highs = (
+        {name: n_hands * us for name, one in accuracy.items() if (us := one.step_us.get(which)) is not None}
+        for which in ("p50", "p99")
+    )
+    if not medians:
+        return ""
+    if sum(medians.values()) > tick_us:
+        slowest, when = max(medians, key=medians.__getitem__), "at the median"
+        takes_us = medians[slowest]
+    else:
+        slowest, *others = sorted(highs, key=highs.__getitem__, reverse=True)
+        takes_us, when = highs[slowest], "at one in a hundred"
+        if takes_us <= tick_us or (others and highs[others[0]] > takes_us / 2):  # a busy machine slows all
+            return ""
+    takes_ms, tick_ms = takes_us * NS_PER_US / NS_PER_MS, tick_us * NS_PER_US / NS_PER_MS
+    all_ms = sum(medians.values()) * NS_PER_US / NS_PER_MS
+    of_all = "" if takes_ms > tick_ms else f", of {number(all_ms)} ms of all,"
+    return f"as {slowest} takes {number(takes_ms)} ms a step{of_all} {when}, and a tick lasts {number(tick_ms)} ms"
 
 
 def accuracy_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:

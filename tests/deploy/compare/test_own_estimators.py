@@ -16,6 +16,7 @@ from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.compare.results import tables
 
 FAILING = """
+import time
 from my_filter import AlphaBeta
 from tis.patient_side.estimators.protocol import Estimate
 
@@ -32,6 +33,13 @@ class Always(AlphaBeta):
 class Late(AlphaBeta):
     def step(self, state, playout, now_ns):
         return (state, Estimate(None)) if playout.arm.newest < 0 else (state, playout.arm.no_such_thing)
+
+class Slow(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        begun = time.thread_time()
+        while time.thread_time() < begun + 0.04:
+            pass
+        return super().step(state, playout, now_ns)
 
 class Silent(AlphaBeta):
     def step(self, state, playout, now_ns):
@@ -80,7 +88,7 @@ def test_two_processes_compare_it_with_ours_and_what_fails_is_marked(
     (line,) = report["own_faults"]
     n_steps = sum(row["faulty_steps"] for row in report["rows"])
     assert line.startswith(f"* failing_own:Filter failed in {n_steps} of 360 steps of the twins in which it did")
-    assert line.endswith("RuntimeError: index divisible (failing_own.py, line 8)")
+    assert line.endswith("RuntimeError: index divisible (failing_own.py, line 9)")
     assert line in Path("kept/table.md").read_text()
     assert all(len(shown) <= 80 for shown in out.splitlines()[:-1])
     assert "failing_own:" in out
@@ -101,7 +109,7 @@ def test_what_fails_at_every_step_is_a_failed_row(there: Path, forked: None, wit
     assert failed.startswith(
         "failing_own:Always: failed at every scored tick of a twin, and has no score: S001, seed 1, first at "
     )
-    assert failed.endswith("(failing_own.py, line 13)")
+    assert failed.endswith("(failing_own.py, line 14)")
     assert failed in err
     assert "Always failed" in out
     assert "failing_own:Always failed |" in Path("kept/table.md").read_text()
@@ -111,15 +119,17 @@ def test_what_fails_at_every_step_is_a_failed_row(there: Path, forked: None, wit
 def test_what_fails_at_every_scored_tick_has_no_score_and_what_is_silent_has_a_star(
     there: Path, forked: None, without_figures: None
 ) -> None:
-    names = "hold,failing_own:Late,failing_own:Silent"
+    names = "hold,failing_own:Late,failing_own:Silent,failing_own:Slow"
     code, out, err = compare("--estimators", names, "--out", "kept", "--jobs", "1", "--trials", "S001")
     assert code == 5, out
     report = json.loads(Path("kept/table.json").read_text())
-    assert [row["estimator"] for row in report["rows"]] == ["hold", "failing_own:Silent"]
+    assert [row["estimator"] for row in report["rows"]] == ["hold", "failing_own:Silent", "failing_own:Slow"]
     assert "failing_own:Late: failed at every scored tick of a twin, and has no score: S001" in err
     n = report["rows"][1]["n_scored"]
     told = f"* failing_own:Silent gave no estimate at {n} of {n} scored ticks, where hold's is scored in its place"
     assert report["own_faults"] == [told]
+    [warning] = [text for text in report["warnings"] if "live it would miss ticks" in text]
+    assert warning.startswith("failing_own:Slow takes 4")
     assert "failing_own:Silent * |" in Path("kept/table.md").read_text()
 
 
@@ -153,7 +163,7 @@ def test_other_code_is_other_twins_and_the_same_models(there: Path, own_folder: 
 def test_a_factory_that_gives_none_ends_the_comparison_before_any_twin(there: Path, in_this_process: None) -> None:
     code, out, err = compare("--estimators", "hold,failing_own:picky", "--out", "kept", "--jobs", "1")
     assert (code, out) == (2, "")
-    rule = "raised LookupError: nothing for PSM2 (failing_own.py, line 24), when it was given the model"
+    rule = "raised LookupError: nothing for PSM2 (failing_own.py, line 32), when it was given the model"
     assert f"tis: estimators: failing_own:picky: {rule}" in err.splitlines()
     assert sum("failing_own:picky" in line for line in err.splitlines()) == 1
     assert not Path("kept/cells").exists()

@@ -3,8 +3,10 @@
 import re
 from typing import Any
 
+import pytest
+
 from tests.deploy.report.partial import part
-from tis.deploy.report.subjects.accuracy import Scores, accuracy_table
+from tis.deploy.report.subjects.accuracy import Scores, accuracy_table, slow_estimators
 
 _WIDTH = re.compile(r"width:([\d.]+)%")
 
@@ -45,3 +47,26 @@ def test_the_time_of_a_step_has_a_column_where_it_was_measured() -> None:
         "step, median"
         in accuracy_table({"hold": _entry(2.0), "plant": _entry(1.0, 41.0)}, "left hand", "hold").html()
     )
+
+
+@pytest.mark.parametrize(
+    ("steps_us", "n_hands", "rate_hz", "told"),
+    [
+        ({"hold": (3, 9), "mine:Slow": (30_400, 31_000)}, 1, 50,
+         "as mine:Slow takes 30.40 ms a step at the median, and a tick lasts 20.00 ms"),
+        ({"one": (600, 700), "other": (800, 900)}, 1, 1000,
+         "as other takes 0.800 ms a step, of 1.40 ms of all, at the median, and a tick lasts 1.00 ms"),
+        ({"one": (9000, 9100)}, 2, 60, "as one takes 18.00 ms a step at the median, and a tick lasts 16.67 ms"),
+        ({"hold": (3, 9), "mine:Lazy": (90, 45_000)}, 1, 50,
+         "as mine:Lazy takes 45.00 ms a step at one in a hundred, and a tick lasts 20.00 ms"),
+        ({"hold": (3, 30_000), "mine:Fast": (90, 45_000)}, 1, 50, ""),  # a busy machine slows all
+        ({"hold": (3, 9), "moesp_kf": (90, 400)}, 2, 1000, ""),
+        ({"hold": (None, None)}, 1, 30, ""),  # virtual time
+        ({}, 1, 30, ""),
+    ],
+)  # fmt: skip
+def test_estimators_that_are_slower_than_a_tick_are_named(
+    steps_us: dict[str, tuple[float, float]], n_hands: int, rate_hz: int, told: str
+) -> None:
+    scores = {name: Scores.model_construct(step_us={"p50": p50, "p99": p99}) for name, (p50, p99) in steps_us.items()}
+    assert slow_estimators(scores, n_hands, rate_hz) == told
