@@ -184,11 +184,12 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
 
 
 def meant(got: object, allowed: Sequence[str]) -> str:
-    """Return ``, did you mean ...?`` with the allowed words that resemble ``got``, if any."""
+    """Return ``, did you mean ...?`` with the allowed words that resemble ``got``, or have it as a part, if any."""
     if not isinstance(got, str):
         return ""
     same = _SAME.get(got)
     near = [same] if same in allowed else difflib.get_close_matches(got, allowed, n=2, cutoff=0.7)
+    near = near or [each for each in allowed if got in each.split("_")][:2]
     return f", did you mean {' or '.join(map(repr, near))}?" if near else ""
 
 

@@ -136,7 +136,7 @@ def test_a_file_may_be_a_network_or_a_scenario_with_one_and_names_a_profile_itse
 def test_all_faults_of_a_network_file_come_at_once_under_its_own_fields(tmp_path: Path) -> None:
     file = tmp_path / "n.yaml"
     file.write_text(
-        "west: {}\nforward: {delay: {kind: gama}}\nrules:\n"
+        "west: {}\nforward: {delay: {kind: gama}, loss: {kind: gilbert}}\nrules:\n"
         "- {key: /demo/alarm, direction: forward, pipeline: {}}\n- {key: a, direction: west, pipeline: {}}\n"
     )
     code, text, _ = _run(*PLACES, "--scenario-network", str(file))
@@ -145,6 +145,7 @@ def test_all_faults_of_a_network_file_come_at_once_under_its_own_fields(tmp_path
         "west: unknown key, did you mean 'forward'? (got {})",
         "forward.delay.kind: must be 'constant' or",
         "'trace', did you mean 'gamma'? (got 'gama')",
+        "did you mean 'gilbert_elliott' or 'gilbert_pareto'? (got 'gilbert')",
         "rules.0.key: must be a Zenoh key expression: no empty chunk, and no slash at the beginning or end",
         "rules.1.direction: must be 'forward', 'feedback' or 'both', did you mean 'forward'? (got 'west')",
     ):
