@@ -163,9 +163,9 @@ def _orientation(summary: Summary) -> Iterator[Row]:
 
 
 def _networks(summary: Summary) -> Iterator[Row]:
-    """Yield whether the network was the requested one: one row when both directions say the same."""
+    """Yield whether the network was the requested one, and why not: one row when both directions say the same."""
     verdicts = {way: link.verdict for way, link in summary.links.items()}
-    texts = {way: verdict.text("the scenario") for way, verdict in verdicts.items()}
+    texts = {way: verdict.text("the scenario") + _reason(verdict) for way, verdict in verdicts.items()}
     for text in dict.fromkeys(texts.values()):
         ways = [way for way, one in texts.items() if one == text]
         name = "network" if len(ways) == len(texts) else ways[0]
@@ -175,6 +175,13 @@ def _networks(summary: Summary) -> Iterator[Row]:
         texts_of = "; ".join([*shown, *([f"and {more} more"] if more > 0 else [])])
         times = "once" if len(changes) == 1 else f"{len(changes)} times"
         yield Row("changed", f"{times} while it ran, which all figures include: {texts_of}", "yellow")
+
+
+def _reason(verdict: LinkVerdict) -> str:
+    if verdict.faithful is not False or not verdict.violations:
+        return ""
+    first, *others = verdict.violations
+    return f": {first}" + (f"; {len(others)} more: tis info -v" if others else "")
 
 
 OUTCOME_STYLES: Final = {"missed": "red", "not decidable": "yellow", "met": "green", OUT_OF_REACH: ""}

@@ -119,11 +119,12 @@ def test_the_first_fault_is_whole_however_little_room_is_left(summary: dict[str,
     assert problem in text
 
 
-def test_directions_that_differ_have_a_line_each(summary: dict[str, Any]) -> None:
+def test_directions_that_differ_have_a_line_each_and_the_first_reason(summary: dict[str, Any]) -> None:
     summary["links"]["feedback"] = _link(3.0, faithful=False)
-    text = brief(summary, [], 80).plain
+    summary["links"]["feedback"]["verdict"]["violations"] = ["loss: 3 % of 1 %", "lateness"]
+    text = brief(summary, [], 90).plain
     assert "  forward       faithful to the scenario" in text
-    assert "  feedback      not faithful to the scenario" in text
+    assert "  feedback      not faithful to the scenario: loss: 3 % of 1 %; 1 more: tis info -v" in text
 
 
 def test_hands_have_a_line_and_an_unscored_run_says_so(summary: dict[str, Any]) -> None:
