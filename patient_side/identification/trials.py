@@ -88,7 +88,7 @@ def _constant_faults(trials: Sequence[Trial]) -> list[Fault]:
         sizes = np.max([np.max(np.abs(signal), axis=0) for signal in signals], axis=0)
         for channel, (moved, size) in enumerate(zip(ranges, sizes, strict=True)):
             if moved == 0:
-                rule = "must move: it is constant over the training rows"
+                rule = "must move, it is constant in the training rows: at rest it needs sensor_noise_mm: 0.01"
                 faults.append(Fault("identification", f"{side} {channel}", rule))
             elif moved <= _MIN_RANGE or size >= _MAX_VALUE:
                 rule = f"must move by more than {_MIN_RANGE:g} and stay below {_MAX_VALUE:g}: use another unit"

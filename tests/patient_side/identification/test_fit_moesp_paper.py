@@ -110,7 +110,8 @@ def test_what_cannot_be_identified_from_is_refused_in_one_line() -> None:
         "T, left hand: output: must be finite: 1 values are not, the first in row 7"
     ]
     assert refusal(u, still, paper()) == [
-        "identification: output 1: must move: it is constant over the training rows"
+        "identification: output 1: must move, it is constant in the training rows: "
+        "at rest it needs sensor_noise_mm: 0.01"
     ]
     assert refusal(u.T[:2, :3], y.T[:2, :3], paper())[0].endswith("too short, or transposed (got (2, 3))")
     assert refusal(wave, y, paper())[0].startswith("identification: input: must be persistently exciting: its Hankel")

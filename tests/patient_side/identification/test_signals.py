@@ -84,7 +84,8 @@ def test_outputs_alone_have_no_faults_of_inputs() -> None:
     _, y = driven()
     still = np.column_stack([y[:, 0], np.full(len(y), 0.2)])
     assert refusal(stochastic_moesp.identify, None, still, 2, 4) == [
-        "identification: output 1: must move: it is constant over the training rows"
+        "identification: output 1: must move, it is constant in the training rows: "
+        "at rest it needs sensor_noise_mm: 0.01"
     ]
 
 

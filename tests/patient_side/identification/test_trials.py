@@ -53,8 +53,10 @@ def test_all_values_that_are_not_finite_are_reported_at_once() -> None:
 def test_constant_signals_are_named() -> None:
     u, y = sound()
     assert faults((np.column_stack([u[:, 0], np.full(60, 0.1)]), 0 * y)) == [
-        "identification: input 1: must move: it is constant over the training rows",
-        "identification: output 0: must move: it is constant over the training rows",
+        "identification: input 1: must move, it is constant in the training rows: "
+        "at rest it needs sensor_noise_mm: 0.01",
+        "identification: output 0: must move, it is constant in the training rows: "
+        "at rest it needs sensor_noise_mm: 0.01",
     ]
 
 
