@@ -58,6 +58,7 @@ def closing(session: zenoh.Session, config: zenoh.Config) -> Iterator[zenoh.Sess
         with suppress(zenoh.ZError):
             session.close()  # type: ignore[no-untyped-call]
         timer.cancel()
+        timer.join()  # a cut that goes on would meet the next session's connections
 
 
 def _endpoints(config: zenoh.Config) -> list[str]:

@@ -1,6 +1,8 @@
 """Connections that are cut by their other end, or because they keep a session from closing, over loopback."""
 
 import socket
+import time
+from collections.abc import Callable
 from typing import cast
 
 import pytest
@@ -37,7 +39,13 @@ def test_a_session_that_connects_again_to_what_does_not_answer_is_closed(monkeyp
     config = visitor(endpoint, ZenohOptions())
     n_cut: list[int] = []
     shut = connections._cut
-    monkeypatch.setattr(connections, "_cut", lambda is_meant: n_cut.append(shut(is_meant)))
+
+    def dawdling(is_meant: Callable[[tuple[object, ...]], bool]) -> None:
+        n = shut(is_meant)
+        time.sleep(0.2)  # the session is closed meanwhile: a cut that went on would meet the next one's connections
+        n_cut.append(n)
+
+    monkeypatch.setattr(connections, "_cut", dawdling)
     with zenoh.open(configure("router", ZenohOptions(listen=[endpoint]))) as router:
         session = zenoh.open(config)
         with closing(session, config):
