@@ -6,7 +6,6 @@ import re
 import select
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -128,15 +127,6 @@ def _begin_of(pid: int) -> str:
     except OSError:
         return ""
     return fields[19] if fields[0] not in "ZX" else ""
-
-
-def free_endpoints(protocol: str = "tcp") -> tuple[str, str]:
-    """Return two loopback endpoints whose ports are currently free."""
-    with socket.socket() as one, socket.socket() as two:
-        one.bind(("127.0.0.1", 0))
-        two.bind(("127.0.0.1", 0))
-        west, east = (f"{protocol}/127.0.0.1:{each.getsockname()[1]}" for each in (one, two))
-        return west, east
 
 
 _ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

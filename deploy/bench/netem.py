@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.bench.relays import Relay, bare_loop, least_relay, native_router, netem

@@ -17,7 +17,7 @@ from tis.common.errors import Fault, PeerError
 from tis.common.messages import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.runtime.connections import closing
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 from tis.deploy.net.probe import LocalReceivingEnd

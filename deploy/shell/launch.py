@@ -15,7 +15,8 @@ from typing import Final
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK
-from tis.common.runtime.process import Interrupt, child_environment, free_endpoints
+from tis.common.runtime.ports import free_endpoints
+from tis.common.runtime.process import Interrupt, child_environment
 from tis.common.scenario import Scenario
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.outcome import Event, Outcome, SideEnd, outcome_of, reasons_of

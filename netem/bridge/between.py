@@ -25,7 +25,8 @@ from typing import IO, Any, Final, Literal
 
 from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
-from tis.common.runtime.process import child_environment, free_endpoints
+from tis.common.runtime.ports import free_endpoints
+from tis.common.runtime.process import child_environment
 from tis.common.runtime.status import BYPASS, warning_line
 from tis.common.units import NS_PER_S
 

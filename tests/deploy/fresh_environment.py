@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 ROOT = Path(__file__).resolve().parents[2]
 ACTION = ROOT / "deploy" / "action" / "action.yml"

@@ -14,7 +14,7 @@ import yaml
 
 from tests.deploy.fresh_environment import ACTION, ROOT, action_steps, run_step, stages
 from tests.docs.test_bad_network_pages import blocks
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 _WITHOUT = """\
 import sys

@@ -12,7 +12,7 @@ import pytest
 
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 from tests.docs.test_bad_network_pages import await_line, blocks
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 _FILE = Path(__file__).resolve().parents[2] / "deploy" / "ros2" / "netem.launch.py"
 _NAMES = {

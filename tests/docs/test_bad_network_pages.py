@@ -17,7 +17,7 @@ from tests.common.runtime.live_zenoh import a_client, settle, soon
 from tests.deploy.commands import call
 from tests.test_source import ROOT
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client
 
 _PAGES = ROOT / "docs" / "emulator"

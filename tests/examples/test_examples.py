@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-import socket
 import subprocess
 import sys
 import tomllib
@@ -17,6 +16,7 @@ import pytest
 
 from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine, model_file
+from tis.common.runtime.ports import free_ports
 from tis.common.scenario.reading import dump_scenario
 from tis.deploy.report import load
 from tis.deploy.run.resolve import resolve
@@ -82,14 +82,6 @@ def example(*words: str, **more: Any) -> "subprocess.CompletedProcess[str]":
 def summary(run_dir: str) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((Path(run_dir) / "summary.json").read_text())
     return content
-
-
-def free_ports(count: int) -> list[int]:
-    with ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [each.getsockname()[1] for each in sockets]
 
 
 def test_every_example_is_in_a_tutorial_and_every_tutorial_has_one() -> None:

@@ -24,7 +24,7 @@ from tis.common.audit import AUDIT_FILE, verify
 from tis.common.messages import CODE_BYTES, HEADER_BYTES, Header, decode
 from tis.common.peer_life import Beat
 from tis.common.runtime.credentials import credentials
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls, NoSecurity, Password, Security
 from tis.common.units import NS_PER_S, sample_instant_ns

@@ -16,7 +16,7 @@ import pytest
 
 from tests.deploy.commands import call
 from tis.common.records import TICKS
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides

@@ -8,7 +8,7 @@ import pytest
 
 from tests.deploy.commands import call_in_one_line
 from tests.system.conftest import HOLD, Start
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 pytestmark = pytest.mark.live
 _OUTAGE = "network.timeline=[{at_s: 0.5, for_s: 8, direction: both, set: {outage: true}}]"

@@ -9,7 +9,7 @@ import zenoh
 from tests.system.conftest import Start
 from tis.common.channels import Side
 from tis.common.records import PEERS
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, visitor
 from tis.deploy.logs.read.load import load_run
 

@@ -15,7 +15,7 @@ import pytest
 from tests.deploy.commands import call, call_in_one_line
 from tests.system.conftest import Start
 from tests.system.hosts import IP, Hosts, hosts
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.deploy.tools.certificates import issue, new_authority
 
 pytestmark = pytest.mark.live

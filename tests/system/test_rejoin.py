@@ -12,7 +12,7 @@ import pytest
 
 from tests.deploy.commands import call
 from tis.common.channels import Side
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 pytestmark = pytest.mark.live
 _TIS = [sys.executable, "-m", "tis.deploy.cli.main"]

@@ -19,7 +19,7 @@ from tests.system.conftest import HOLD, Start, StartHere, is_right_but_for_the_m
 from tests.system.test_rejoin import Sides
 from tests.system.test_view_page import url_of
 from tis.common.channels import Side
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.deploy.run.replay import replay
 
 pytestmark = pytest.mark.live

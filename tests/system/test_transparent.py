@@ -20,7 +20,7 @@ from zenoh import ext
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 from tests.log_reader import LogReader
 from tis.common.channels import Network
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 pytestmark = pytest.mark.live
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import zenoh
 
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 
 _SOON_S = 60.0

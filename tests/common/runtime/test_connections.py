@@ -11,7 +11,7 @@ import zenoh
 from tis.common.errors import Fault, PeerError
 from tis.common.runtime import connections
 from tis.common.runtime.connections import closing, cut
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
 
 

@@ -13,7 +13,7 @@ from tis.common.messages import encode
 from tis.common.peer_life import Beat
 from tis.common.runtime import peer_watch
 from tis.common.runtime.control import ControlKeys
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.signing import RunKeys
 

@@ -137,7 +137,7 @@ _ROUTERS = """
 import os, time
 from pathlib import Path
 import zenoh
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.process import run_to_end
 from tis.common.runtime.scheduling import let_zenoh_wait
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor

@@ -11,7 +11,7 @@ import zenoh
 
 from tis.common.errors import InputError
 from tis.common.messages import encode
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.signing import Agreement, SharedSecret, SigningSide, identity
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls, NoSecurity

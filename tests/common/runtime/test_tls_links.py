@@ -18,7 +18,7 @@ from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime import tls_links
 from tis.common.runtime.credentials import credentials, tls_settings
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.signing import client_identity
 from tis.common.runtime.tls_links import CertificateWatch, CertifiedLink, false_names
 from tis.common.runtime.zenoh_session import ZenohOptions, configure

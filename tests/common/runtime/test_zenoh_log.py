@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PROGRAM = """

@@ -12,7 +12,7 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_client, a_network, a_router, settle, soon
 from tis.common.errors import InputError, PeerError
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, bypasses, configure, open_client, open_router
 
 

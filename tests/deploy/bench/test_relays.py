@@ -1,6 +1,6 @@
 import pytest
 
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.deploy.bench.relays import least_relay
 from tis.deploy.bench.traffic import paced
 

@@ -13,7 +13,7 @@ from tests.deploy.commands import call
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.errors import InputError
 from tis.common.runtime import emulator_client, running
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.control import Acknowledgement, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline

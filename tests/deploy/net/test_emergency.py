@@ -16,7 +16,7 @@ from tests.deploy.commands import call_in_one_line
 from tis.common.messages import encode
 from tis.common.node import Arrival, Emission
 from tis.common.runtime.emulator_client import EmulatorAddress
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.signing import SharedSecret, identity
 from tis.common.scenario.security import Mtls
 from tis.common.signing import SECRETS

@@ -18,7 +18,7 @@ from tests.deploy.commands import call
 from tests.netem.bridge.live_bridge import a_bridge, delays
 from tis.common.errors import PeerError
 from tis.common.runtime.clock import SKEW_VARIABLE
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.trace import Trace, parse_trace
 from tis.deploy.net.far_end import FarEnd
 from tis.deploy.net.probe import Plan, Probed, probe

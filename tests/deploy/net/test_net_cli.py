@@ -2,7 +2,6 @@
 
 import io
 import json
-import socket
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import zenoh
 from rich.console import Console
 
 from tests.deploy.commands import Call, call
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.fit import cautions
@@ -216,9 +216,7 @@ def test_a_fit_as_json(tis: Call) -> None:
 
 @pytest.mark.live
 def test_a_probe_through_a_router_writes_a_trace(tis: Call) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint, _ = free_endpoints()
     with open_router(configure("router", ZenohOptions(listen=[endpoint])), endpoint) as router:
         assert isinstance(router, zenoh.Session)
         code, out, err = tis("net", "probe", "-e", endpoint, "--rate-hz", "200", "--count", "100", "-o", "t.csv")
@@ -236,10 +234,7 @@ def test_a_probe_through_a_router_writes_a_trace(tis: Call) -> None:
 @pytest.mark.live
 def test_a_probe_that_nobody_forwards_says_so(tis: Call) -> None:
     """Two networks that nothing connects: the receiving end hears nothing."""
-    with socket.socket() as one, socket.socket() as two:
-        one.bind(("127.0.0.1", 0))
-        two.bind(("127.0.0.1", 0))
-        west, east = (f"tcp/127.0.0.1:{s.getsockname()[1]}" for s in (one, two))
+    west, east = free_endpoints()
     with open_router(configure("router", ZenohOptions(listen=[west])), west):
         code, _, err = tis("net", "probe", "--from", west, "--listen", east, "--wait-s", "0.5")
     assert code == 3

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.deploy.report.hand_made import a_scenario
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.scenario import Scenario
 from tis.deploy.shell import launch as launch_module
 from tis.deploy.shell.launch import launch

@@ -9,7 +9,7 @@ import pytest
 from tests.common.runtime.live_zenoh import soon
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.runtime.emulator_client import EmulatorAddress
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.scenario.network.delay import NormalJitter
 from tis.deploy.net.emergency import Stopped, Token
 from tis.deploy.view import steering as module

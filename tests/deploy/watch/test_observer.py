@@ -16,7 +16,7 @@ from tis.common.channels import Network
 from tis.common.clocks import Exchanges
 from tis.common.runtime.clock_watch import ClockServer
 from tis.common.runtime.control import ControlKeys
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.units import NS_PER_S
 from tis.deploy.view.server import ViewOptions

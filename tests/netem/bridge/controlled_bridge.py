@@ -16,7 +16,7 @@ from tis.common.messages import Header
 from tis.common.node import Record
 from tis.common.records import CONTROL, ControlNote
 from tis.common.runtime.clock import WallClock
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.control import BridgeControl
 

@@ -1,6 +1,5 @@
 """A bridge between two networks on loopback, with a client on each side."""
 
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ from tests.common.runtime.live_zenoh import a_client
 from tis.common.channels import Direction, Network
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints, free_ports
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.applications import Applications
@@ -76,8 +75,7 @@ def carrying(target: Address, segment_bytes: int = 65_536, **network: Any) -> It
     part = NetworkPart.model_validate(network)
     links = build_links(stream_network(part, "test"), ["**"], 3, None, "test", own_connections=True)
     driver = Driver(links)
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        address = free.getsockname()
+    address = ("127.0.0.1", free_ports(1)[0])
     proxy = Proxy(driver, address, target, "west", backlog_bytes(part), segment_bytes, pytest.fail)
     with driving(driver):
         proxy.open()

@@ -12,7 +12,7 @@ from tests.netem.bridge.live_bridge import bridging, two_routers
 from tests.netem.bridge.test_gossip import link_state
 from tis.common.channels import Network
 from tis.common.errors import EXIT_INVALID_RUN, PeerError
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.netem.bridge.between import between
 from tis.netem.bridge.bypass import Bypasses, Watch, refuse_one_router

@@ -8,7 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from tis.common.errors import InputError
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.side_log import SideOptions
 from tis.common.runtime.status import Status
 from tis.common.scenario import Scenario

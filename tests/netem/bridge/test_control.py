@@ -13,7 +13,7 @@ from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.controlled_bridge import BASE, Running, running_bridge
 from tests.netem.making import link
 from tis.common.channels import Direction
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.scenario.control import Acknowledgement, EmulatorState, Operation
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.control import BridgeControl

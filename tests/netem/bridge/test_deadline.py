@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import PeerError
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 pytestmark = pytest.mark.live
 

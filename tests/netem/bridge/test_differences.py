@@ -16,7 +16,7 @@ from tests.common.runtime.live_zenoh import a_client, a_router
 from tests.netem.bridge.live_bridge import a_bridge, bridging, carrying, delays
 from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outcomes
 from tis.common.channels import Network
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 
 pytestmark = pytest.mark.live
 

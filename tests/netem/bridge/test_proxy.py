@@ -13,6 +13,7 @@ import pytest
 from tests.netem.bridge.live_bridge import carrying
 from tis.common.channels import Direction
 from tis.common.errors import PeerError
+from tis.common.runtime.ports import free_ports
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Proxy
 from tis.netem.link.packet import Fate
@@ -30,19 +31,13 @@ class _Carried:
         return socket.create_connection(self.address, timeout=20)
 
 
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as one:
-        port: int = one.getsockname()[1]
-        return port
-
-
 @contextmanager
 def _carried(
     serve: Callable[[socket.socket], None] | None, segment_bytes: int = 65_536, **network: Any
 ) -> Iterator[_Carried]:
     over = threading.Event()
     with ExitStack() as stack:
-        target = ("127.0.0.1", _free_port())
+        target = ("127.0.0.1", free_ports(1)[0])
         if serve is not None:
             server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
             target = server.getsockname()

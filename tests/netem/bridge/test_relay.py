@@ -13,6 +13,7 @@ import pytest
 from tests.common.runtime.live_zenoh import soon
 from tests.netem.bridge.live_bridge import driving
 from tis.common.errors import PeerError
+from tis.common.runtime.ports import free_ports
 from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.carried_network import datagram_network
 from tis.netem.bridge.driver import Driver
@@ -26,24 +27,20 @@ class _Relayed:
     def __init__(
         self, stack: ExitStack, warn: Callable[[str], None] = pytest.fail, serves: bool = True, **network: Any
     ) -> None:  # fmt: skip
-        self.server = stack.enter_context(_bound())
         self.heard: list[bytes] = []
         self.sources: set[Any] = set()
         self._over = threading.Event()
-        with _bound() as free:
-            self.address = free.getsockname()
+        self.address, self.target = (("127.0.0.1", port) for port in free_ports(2, socket.SOCK_DGRAM))
         part = datagram_network(NetworkPart.model_validate(network), "test")
         self.driver = Driver(build_links(part, ["**"], 3, None, "test"))
-        self.target = self.server.getsockname()
         self.relay = Relay(self.driver, self.address, self.target, "west", warn)
         stack.callback(self._over.set)
         stack.enter_context(driving(self.driver))
         stack.callback(self.relay.close)
         self.relay.open()
         if serves:
+            self.server = stack.enter_context(_bound(self.target[1]))
             threading.Thread(target=self._serve, daemon=True).start()
-        else:
-            self.server.close()
 
     def _serve(self) -> None:
         while not self._over.is_set():
@@ -59,9 +56,9 @@ class _Relayed:
         return one
 
 
-def _bound() -> socket.socket:
+def _bound(port: int = 0) -> socket.socket:
     one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    one.bind(("127.0.0.1", 0))
+    one.bind(("127.0.0.1", port))
     one.settimeout(0.2)
     return one
 
@@ -149,9 +146,8 @@ def test_datagrams_to_nobody_end_nothing() -> None:
             one.send(b"x")
             time.sleep(0.01)
         assert soon(lambda: relayed.driver.links["forward"].released == 5)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        with _bound(relayed.target[1]) as server:
             server.settimeout(10)
-            server.bind(relayed.target)
             one.send(b"y")
             assert server.recv(9) == b"y"
 

@@ -12,7 +12,7 @@ import zenoh
 
 from tis.common.errors import PeerError
 from tis.common.runtime.credentials import credentials
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.security import Mtls
 from tis.common.zenoh_syntax import port_of

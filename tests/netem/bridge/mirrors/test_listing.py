@@ -13,7 +13,7 @@ from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import Bridged, a_bridge, bridging, n_mirrored, two_routers
 from tests.netem.bridge.mirrors.test_queries import a_queryable, ask
 from tis.common.channels import Network
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.netem.bridge.mirrors.listing import Listing
 from tis.netem.bridge.sides import lister_config

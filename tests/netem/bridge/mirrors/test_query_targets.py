@@ -9,7 +9,7 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 from tests.netem.bridge.live_bridge import a_bridge, n_mirrored
-from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.ports import free_endpoints
 from tis.netem.bridge.mirrors.queries import TARGETS, QueryTargetName
 
 pytestmark = pytest.mark.live
