@@ -49,22 +49,23 @@ def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array, every
     if n == 0:
         return Etvo(np.empty(0), np.empty(0), None)
     speed = _rms_speed(t_s, original)
+    axes = np.ascontiguousarray(original.T)  # `np.interp` copies all of an axis that is strided, for each sample
     step = np.diff(offsets_s, prepend=offsets_s[:1]) * speed
     along = np.cumsum(step)
     tie = 1e-12 * speed * np.abs(offsets_s)  # too small to decide anything but ties
     # Forward pass: least cost of each offset at each sample, and the offset before it.
     back = np.empty((n, len(offsets_s)), dtype=np.int16)
-    cost = _distances(at_s[0], samples[0], t_s, original, offsets_s) + tie
+    cost = _distances(at_s[0], samples[0], t_s, axes, offsets_s) + tie
     for i in range(1, n):
         cheapest, back[i] = _moved(cost, along)
-        cost = cheapest + _distances(at_s[i], samples[i], t_s, original, offsets_s) + tie
+        cost = cheapest + _distances(at_s[i], samples[i], t_s, axes, offsets_s) + tie
     # Backward pass: the cheapest last offset, and its predecessors.
     path = np.empty(n, dtype=np.int64)
     path[-1] = int(np.argmin(cost))
     for i in range(n - 1, 0, -1):
         path[i - 1] = back[i, path[i]]
     time_s = offsets_s[path]
-    then = np.column_stack([np.interp(at_s - time_s, t_s, axis) for axis in original.T])
+    then = np.column_stack([np.interp(at_s - time_s, t_s, axis) for axis in axes])
     changed = float(np.abs(np.diff(time_s)).sum() / (at_s[-1] - at_s[0])) if n > 1 else None
     return Etvo(time_s, np.linalg.norm(samples - then, axis=1), changed)
 
@@ -75,10 +76,10 @@ def _rms_speed(t_s: Array, original: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(np.diff(original, axis=0) ** 2, axis=1) / np.diff(t_s) ** 2)))
 
 
-def _distances(at_s: float, sample: Array, t_s: Array, original: Array, offsets_s: Array) -> Array:
+def _distances(at_s: float, sample: Array, t_s: Array, axes: Array, offsets_s: Array) -> Array:
     then_s = at_s - offsets_s
     squares = np.zeros(len(offsets_s))
-    for axis, value in zip(original.T, sample, strict=True):
+    for axis, value in zip(axes, sample, strict=True):
         squares += (np.interp(then_s, t_s, axis) - value) ** 2
     return np.asarray(np.sqrt(squares))
 

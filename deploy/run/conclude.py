@@ -56,7 +56,12 @@ EVERYTHING: Final = Outputs()
 
 def conclude(run_dir: Path, scenario: Scenario, ending: Ending, out: Console, outputs: Outputs = EVERYTHING) -> int:
     """Write summary, model, manifest, merged logs and report, print the summary; return 0 or `EXIT_INVALID_RUN`."""
-    return _conclude(load_run(run_dir), scenario, ending, out, outputs)
+    return _conclude(_read(run_dir, out), scenario, ending, out, outputs)
+
+
+def _read(run_dir: Path, out: Console) -> RunLogs:
+    with out.status("reading the logs"):
+        return load_run(run_dir)
 
 
 def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, outputs: Outputs) -> int:
@@ -77,7 +82,8 @@ def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, o
 def _summarise(run: MeasuredRun, ending: Ending, out: Console, outputs: Outputs, under_way: Merging | None) -> int:
     logs = run.logs
     run_dir = logs.run_dir
-    summary = summary_of(run, ending.mode, ending.exit_code, ending.command)
+    with out.status("computing the summary"):
+        summary = summary_of(run, ending.mode, ending.exit_code, ending.command)
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary.as_json())
     clocks = logs.clocks.hosts()
     own = {name: asdict(origin) for name, origin in origins_in(logs).items()}
@@ -90,9 +96,11 @@ def _summarise(run: MeasuredRun, ending: Ending, out: Console, outputs: Outputs,
     out.print(escape(f"The run lies in {run_dir}; all tables: {tables}"), soft_wrap=True)
     if under_way is not None:
         under_way.concluded()
-    written = write_report(RunView.of(run, summary, manifest)) if outputs.report else None
-    if under_way is not None:
-        print_merged(run_dir, under_way.merged(), out)
+    with out.status("writing the report" if outputs.report else "merging the logs"):
+        written = write_report(RunView.of(run, summary, manifest)) if outputs.report else None
+        merged = None if under_way is None else under_way.merged()
+    if merged is not None:
+        print_merged(run_dir, merged, out)
     if written is not None:
         out.print(escape(written), soft_wrap=True)
     return EXIT_OK if summary.valid else EXIT_INVALID_RUN
@@ -105,7 +113,7 @@ def conclude_again(run_dir: Path, out: Console, outputs: Outputs = EVERYTHING) -
     Raises `DataError`, and writes nothing, when neither a file nor a log holds the scenario, when the logs hold
     different ones, or when a log file is not MCAP.
     """
-    logs = load_run(run_dir)
+    logs = _read(run_dir, out)
     recorded = scenario_in(logs)
     scenario = folder.read_scenario(run_dir, recorded)
     before = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
