@@ -23,17 +23,30 @@ class Etvo(NamedTuple):
     """Offsets of each reproduced sample: ``time_s`` (T,), positive when late; ``value`` (T,), a distance.
 
     ``delay_derivative`` is the mean absolute rate of change of the time offset, in s per s; None below two samples.
+    Time offsets are multiples of ``step_s``.
     """
 
     time_s: Array
     value: Array
     delay_derivative: float | None
+    step_s: float
 
 
 def offset_grid_s(earliest_s: float, latest_s: float, step_s: float) -> Array:
     """Return the candidate offsets: multiples of ``step_s`` that span both ends, at most 256, including 0."""
     step_s = max(step_s, (latest_s - earliest_s) / (_MAX_OFFSETS - 2))
     return step_s * np.arange(np.floor(earliest_s / step_s + 1e-9), np.ceil(latest_s / step_s - 1e-9) + 1)
+
+
+def finer_grid_s(offsets_s: Array, found_s: Array) -> Array:
+    """Return candidates about the found offsets, a whole number of them a step of the grid that these were found on.
+
+    They span what was found and a step beyond, are at most 256, and hold the former candidates there.
+    """
+    step_s = offsets_s[1] - offsets_s[0]
+    first, last = round(found_s.min() / step_s) - 1, round(found_s.max() / step_s) + 1
+    parts = max(1, (_MAX_OFFSETS - 1) // (last - first))
+    return np.asarray(step_s / parts * np.arange(first * parts, last * parts + 1))
 
 
 def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array, every: int = 1) -> Etvo:
@@ -45,9 +58,9 @@ def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array, every
     delayed copy, which has no value offset, test_etvo.
     """
     at_s, samples = t_s[::every], reproduced[::every]
-    n = len(at_s)
+    n, step_s = len(at_s), float(np.diff(offsets_s[:2]).sum())
     if n == 0:
-        return Etvo(np.empty(0), np.empty(0), None)
+        return Etvo(np.empty(0), np.empty(0), None, step_s)
     speed = _rms_speed(t_s, original)
     axes = np.ascontiguousarray(original.T)  # `np.interp` copies all of an axis that is strided, for each sample
     step = np.diff(offsets_s, prepend=offsets_s[:1]) * speed
@@ -67,7 +80,7 @@ def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array, every
     time_s = offsets_s[path]
     then = np.column_stack([np.interp(at_s - time_s, t_s, axis) for axis in axes])
     changed = float(np.abs(np.diff(time_s)).sum() / (at_s[-1] - at_s[0])) if n > 1 else None
-    return Etvo(time_s, np.linalg.norm(samples - then, axis=1), changed)
+    return Etvo(time_s, np.linalg.norm(samples - then, axis=1), changed, step_s)
 
 
 def _rms_speed(t_s: Array, original: Array) -> float:

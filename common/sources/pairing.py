@@ -4,7 +4,7 @@ A da Vinci arm repeats its master's movement scaled and shifted, so the arm that
 static affine map of the master's positions explains almost completely. The labels left and right do not determine it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -25,6 +25,10 @@ CLEARLY_BETTER: Final = 2.0
 _ARMS: Final[tuple[Arm, Arm]] = ("PSM1", "PSM2")
 _EXACT: Final = 1e-6  # smaller ratios are rounding errors (fewer rows than the map has parameters)
 _LAGS_HZ: Final = (None, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0)
+_FINER_LAGS_HZ: Final = (*_LAGS_HZ, *(1.05**k for k in range(1, 61)))
+"""With those between; one of them is within 2.5 % of any lag."""
+_MOST_ROWS: Final = 5000
+_CLEARLY_LESS: Final = 0.99
 _LATEST_S: Final = 0.5
 _LITTLE_LEFT: Final = 0.05
 _DELAY_STEP_S: Final = 0.02
@@ -34,7 +38,7 @@ _STILL_M: Final = 1e-6  # the recordings' resolution: an arm that moves less sta
 
 @dataclass(frozen=True)
 class ArmFit:
-    """Residual of a static affine map from master to arm; ``ratio`` is residual rms / the arm's std."""
+    """Residual of a static affine map from master to arm, rms of its length; ``ratio`` is over the movement's."""
 
     arm: Arm
     residual_rms_m: float
@@ -53,7 +57,7 @@ class LateFit:
     delay_s: float
 
     def __str__(self) -> str:
-        parts = [] if self.lag_hz is None else [f"a lag of {self.lag_hz:g} Hz"]
+        parts = [] if self.lag_hz is None else [f"a lag of {self.lag_hz:.2g} Hz"]
         parts += [f"a delay of {1000 * self.delay_s:.0f} ms"] if self.delay_s or not parts else []
         return f"behind {' and '.join(parts)} {self.fit}"
 
@@ -87,17 +91,36 @@ def fit_arm(command_m: Array, arm_m: Array, arm: Arm) -> ArmFit:
 def fit_late_arm(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> LateFit:
     """Fit ``arm ~ G late command + c`` to positions (N, 3) in m, over lags of 1 to 20 Hz and delays up to 0.5 s.
 
-    The first rows, half a second and at most a quarter, only fill lag and delay. Oracle: arms that lag, in the tests.
+    Lags in finer steps, each with the rows of delay that make the arm as late, follow on coarse ones with coarse
+    delays. The first rows, half a second and at most a quarter, only fill lag and delay. Oracle: arms that lag, in
+    the tests.
     """
     n_skipped = min(round(_LATEST_S * rate_hz), len(command_m) // 4)
-    delays = range(0, n_skipped + 1, max(1, round(_DELAY_STEP_S * rate_hz)))
-    behind = [
-        LateFit(fit_arm(late_m[n_skipped - k : len(late_m) - k], arm_m[n_skipped:], arm), lag_hz, k / rate_hz)
-        for lag_hz in _LAGS_HZ
-        for late_m in [_lagged(command_m, lag_hz, rate_hz)]
-        for k in delays
-    ]
-    return min(behind, key=lambda one: one.fit.ratio)
+    step, every = max(1, round(_DELAY_STEP_S * rate_hz)), max(1, len(command_m) // _MOST_ROWS)
+    followed_m = arm_m[n_skipped::every]
+
+    def best(candidates: Iterable[tuple[float | None, Iterable[int]]]) -> LateFit:
+        behind = [
+            LateFit(fit_arm(late_m[n_skipped - k : len(late_m) - k : every], followed_m, arm), lag_hz, k / rate_hz)
+            for lag_hz, delays in candidates
+            for late_m in [_lagged(command_m, lag_hz, rate_hz)]
+            for k in delays
+        ]
+        return min(behind, key=lambda one: one.fit.ratio)
+
+    def near(lag_hz: float | None) -> range:
+        k = round((late_s - _lateness_s(lag_hz)) * rate_hz)
+        return range(max(0, k - step), min(n_skipped, k + step) + 1, max(1, step // 4))
+
+    found = best((lag_hz, range(0, n_skipped + 1, step)) for lag_hz in _LAGS_HZ)
+    late_s = found.delay_s + _lateness_s(found.lag_hz)
+    finer = best([(found.lag_hz, [round(found.delay_s * rate_hz)]), *((lag, near(lag)) for lag in _FINER_LAGS_HZ)])
+    return finer if finer.fit.ratio < _CLEARLY_LESS * found.fit.ratio else found
+
+
+def _lateness_s(lag_hz: float | None) -> float:
+    """Return how late slow movements are behind a lag."""
+    return 0.0 if lag_hz is None else 1.0 / (2.0 * np.pi * lag_hz)
 
 
 def lead_s(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> float:
@@ -169,15 +192,15 @@ def contradictions(pairings: Sequence[Pairing], recording: Positions, why: str) 
 
 
 def _pooled_fit(pairs: Sequence[tuple[Array, Array]], arm: Arm) -> ArmFit:
-    left, moved, n_values = 0.0, 0.0, 0
+    left, moved, n_rows = 0.0, 0.0, 0
     for command_m, arm_m in pairs:
         # Centring both removes the constant c from the fit.
         centred, regressors = arm_m - arm_m.mean(axis=0), command_m - command_m.mean(axis=0)
         gain, *_ = np.linalg.lstsq(regressors, centred)
         left += float(np.sum((centred - regressors @ gain) ** 2))
         moved += float(np.sum(centred**2))
-        n_values += centred.size
-    moves_m, residual_m = (moved / n_values) ** 0.5, (left / n_values) ** 0.5
+        n_rows += len(centred)
+    moves_m, residual_m = (moved / n_rows) ** 0.5, (left / n_rows) ** 0.5
     if moves_m < _STILL_M:
         return ArmFit(arm, moves_m, 1.0)
     return ArmFit(arm, residual_m, residual_m / moves_m)

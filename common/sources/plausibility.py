@@ -155,8 +155,18 @@ def rate_doubts(position_m: Array, velocity_m_s: Array, rate_hz: float, device: 
     return (f"{device} is {rule}: resample it, or set the velocities to 0 if they are wrong",)
 
 
+# Rovers begin at their origin, and others cross it: what is reached and left at a usual speed was not filled in.
+_TIMES_USUAL: Final = 4.0
+
+
 def _zeros(position_m: Array, device: str) -> list[str]:
-    spans = runs_of((position_m == 0.0).all(axis=1))
+    steps_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
+    usual_m = float(np.median(steps_m[steps_m > 0])) if steps_m.any() else 0.0
+    spans = [
+        (first, last)
+        for first, last in runs_of((position_m == 0.0).all(axis=1))
+        if max(*steps_m[max(0, first - 1) : first], *steps_m[last : last + 1], 0.0) > _TIMES_USUAL * usual_m
+    ]
     if not spans:
         return []
     return [f"{device} is at exactly 0 0 0 in {_named(spans)}: were rows filled in?"]

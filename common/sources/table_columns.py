@@ -1,23 +1,14 @@
-"""Columns of a table: its text, the columns that a source reads among the names that it has, and the limits of both.
+"""Columns of a table: those that a source reads among the names that there are, and limits of all that is read."""
 
-The text is a line of names, then a line of numbers per row, separated by commas, semicolons or tabs.
-"""
-
-import csv
 import difflib
-import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from tis.common.channels import FOLLOWER, MASTER, Arm, Hand
-from tis.common.errors import MAX_SHOWN, DataError, Fault, capped
+from tis.common.errors import DataError, Fault
 from tis.common.scenario.table_source import HandColumns, PoseColumns, PoseUnits, TableSource
-from tis.common.sources.trajectory import Array
-from tis.common.units import NS_PER_S
 
 MAX_TABLE_BYTES: Final = 500_000_000
 """Size of a Parquet file."""
@@ -149,142 +140,3 @@ def _device(source: TableSource, given: HandColumns, name: str, there: frozenset
         position=(x, y, z), quaternion=(qx, qy, qz, qw) if turns else None, gripper=gripper if grips else None
     )
     return DeviceLayout(name, pose, PoseUnits(position="m"))
-
-
-_MAX_LINE_CHARS: Final = 200_000
-_MAX_DIAGNOSED: Final = 200_000
-_SEPARATORS: Final = ",;\t"
-
-
-@dataclass(frozen=True)
-class TableText:
-    """Names of the columns, in order and possibly repeated, and the lines of the rows."""
-
-    names: tuple[str, ...]
-    separator: str
-    lines: Sequence[str]
-
-
-def split_table(text: str, where: str) -> TableText:
-    """Return the names and lines of a table's text; raises `DataError` when it is none.
-
-    The separator is the one that the first line has most of. Oracle: tables that the tests write.
-    """
-    n_lines = text.count("\n") + text.count("\r")
-    if n_lines > 2 * MAX_ROWS:  # counted first: as a list, empty lines take many times their size
-        raise DataError(Fault(where, "", f"must have at most {MAX_ROWS} rows", n_lines))
-    if "\r" in text:
-        text = text.replace("\r\n", "\n").replace("\r", "\n")
-    lines = text.rstrip().split("\n")
-    if not lines[0].strip():
-        raise DataError(Fault(where, "line 1", "must hold the names of the columns", lines[0]))
-    longest = max(range(len(lines)), key=lambda i: len(lines[i]))
-    if len(lines[longest]) > _MAX_LINE_CHARS:
-        rule = f"must have at most {_MAX_LINE_CHARS} characters"
-        raise DataError(Fault(where, f"line {longest + 1}", rule, len(lines[longest])))
-    separator = max(_SEPARATORS, key=lines[0].count)
-    names = tuple(name.strip() for name in next(csv.reader([lines[0]], delimiter=separator)))
-    faults = []
-    if len(names) > MAX_COLUMNS:
-        faults.append(Fault(where, "line 1", f"must name at most {MAX_COLUMNS} columns", len(names)))
-    if len(lines) - 1 < MIN_ROWS:
-        faults.append(Fault(where, "", f"must have at least {MIN_ROWS} rows", len(lines) - 1))
-    if len(lines) - 1 > MAX_ROWS:
-        faults.append(Fault(where, "", f"must have at most {MAX_ROWS} rows", len(lines) - 1))
-    if all(_number(name) is not None for name in names):
-        faults.append(Fault(where, "line 1", "must hold the names of the columns, not numbers", lines[0][:60]))
-    if faults:
-        raise DataError(faults)
-    return TableText(names, separator, _with_points(lines[1:], separator))
-
-
-def _with_points(lines: list[str], separator: str) -> list[str]:
-    """Return the lines with points for decimal commas: commas that separate no cells, where no number has a point."""
-    if separator == "," or any("." in _DATE.sub("", line) for line in lines):
-        return lines
-    return [line.replace(",", ".") for line in lines]
-
-
-_DATE: Final = re.compile(r"((?:19|20|21)\d\d-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d{1,9})?)(Z|[+-]\d\d:?\d\d)?")
-
-
-def _dates(table: TableText, name: str, where: str) -> Array | None:
-    """Return times of ISO 8601, all of one offset, in s from the first; None where the first one is no date."""
-    place = table.names.index(name)
-    cells = [row[place].strip() for row in csv.reader(table.lines, delimiter=table.separator)]
-    first = _DATE.fullmatch(cells[0])
-    if first is None:
-        return None
-    dates = [_DATE.fullmatch(cell) for cell in cells]
-    rule = f"must be a time like {cells[0]}, with the same offset from UTC"
-    bad = [i for i, date in enumerate(dates) if date is None or date[2] != first[2]]
-    if not bad:
-        try:
-            instants = np.array([date[1] for date in dates if date is not None], dtype="datetime64[ns]")
-        except ValueError as error:
-            raise DataError(Fault(where, f"column {name}", f"must hold times that there are: {error}")) from None
-        return np.asarray((instants - instants[0]).astype(np.int64) / NS_PER_S, dtype=np.float64)
-    found = [Fault(where, f"line {i + 2}, column {name}", rule, cells[i]) for i in bad[:MAX_SHOWN]]
-    raise DataError(capped(found, len(bad), where, rule))
-
-
-def read_columns(table: TableText, wanted: Sequence[str], where: str, time: str | None = None) -> Mapping[str, Array]:
-    """Return the wanted columns, each there once; raises `DataError` with the faults of every kind at once.
-
-    Of ``time`` the cells may be dates, which are returned in s from the first.
-    Kinds are the number of cells of a line and what is no number; at most five lines of each are shown, and the
-    others counted. NaN is a number here. Oracle: round trips and damaged tables in the tests.
-    """
-    if time is not None and time in wanted and len(wanted) > 1:
-        of_first = next(csv.reader(table.lines[:1], delimiter=table.separator), [])
-        place = table.names.index(time)
-        if len(of_first) > place and _number(of_first[place]) is None:
-            others = read_columns(table, [name for name in wanted if name != time], where)
-            dates = _dates(table, time, where)
-            if dates is not None:
-                return {**others, time: dates}
-    places = [table.names.index(name) for name in wanted]
-    quoted = any('"' in line for line in table.lines)
-    even = quoted or all(line.count(table.separator) + 1 == len(table.names) for line in table.lines)
-    if even and all(table.lines):
-        try:
-            values = np.loadtxt(
-                table.lines, delimiter=table.separator, usecols=places, comments=None, ndmin=2, quotechar='"'
-            )
-        except ValueError:
-            pass  # told below, line by line
-        else:
-            if len(values) == len(table.lines):
-                return {name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(wanted)}
-    raise DataError(_diagnose(table, wanted, places, where))
-
-
-def _diagnose(table: TableText, wanted: Sequence[str], places: Sequence[int], where: str) -> list[Fault]:
-    width_rule, number_rule = f"must have {len(table.names)} cells, as line 1", "must be a number"
-    if table.separator == "," and table.lines[0].count(",") == 2 * len(table.names) - 1:
-        width_rule += " (where the comma is the decimal mark, separate cells by semicolons)"
-    if table.separator != "," and any("," in line for line in table.lines[:_MAX_DIAGNOSED]):
-        number_rule += " (decimals must all have points, or all commas)"
-    of_width: list[Fault] = []
-    of_number: list[Fault] = []
-    for number, line in enumerate(table.lines[:_MAX_DIAGNOSED], start=2):
-        cells = next(csv.reader([line], delimiter=table.separator), [])
-        if len(cells) != len(table.names):
-            of_width.append(Fault(where, f"line {number}", width_rule, len(cells)))
-            continue
-        bad = [(name, cells[k]) for name, k in zip(wanted, places, strict=True) if _number(cells[k]) is None]
-        if bad:
-            rest = f" and {len(bad) - 1} more" if len(bad) > 1 else ""
-            of_number.append(Fault(where, f"line {number}, column {bad[0][0]}{rest}", number_rule, bad[0][1]))
-    found = [
-        *capped(of_width, len(of_width), where, width_rule),
-        *capped(of_number, len(of_number), where, number_rule),
-    ]
-    return found or [Fault(where, f"a line after {_MAX_DIAGNOSED}", f"{width_rule}, each a number")]
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return None if "_" in cell else float(cell)
-    except ValueError:
-        return None

@@ -80,11 +80,10 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
     if faults:
         raise DataError(faults)
     streams, doubts = [], list[str]()
-    units = f"in {wanted.position_unit} and {wanted.angle_unit}"
     for vector, elements in devices:
         stream, more = _stream(vector, table[vector], t_ns, elements, wanted, where, doubts)
         faults += more
-        notes += [] if stream is None else [f"{vector} -> poses of {elements.device}, {units}"]
+        notes += [] if stream is None else [f"{vector} -> poses of {elements.device}, {_units(elements, wanted)}"]
         streams += [] if stream is None else [stream]
     if faults:
         raise DataError(faults)
@@ -94,6 +93,14 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
     notes += [clock, *(["numbers have single precision, 7 digits"] if single else [])]
     about = {"kind": "lerobot", "episode": wanted.episode, "version": str(info.get("codebase_version", ""))[:20]}
     return Found(tuple(streams), (), tuple(notes), about, extras=extras, doubts=tuple(doubts))
+
+
+def _units(elements: Elements, wanted: Wanted) -> str:
+    """Return the units of what a device has: a quaternion has none."""
+    has_angles = elements.euler is not None or elements.rotation_vector is not None
+    angles = [f"angles in {wanted.angle_unit}"] if has_angles else []
+    gripper = [] if elements.gripper is None else [f"gripper in {wanted.gripper_unit}"]
+    return ", ".join([f"position in {wanted.position_unit}", *angles, *gripper])
 
 
 def _others(info: Mapping[str, Any]) -> list[str]:

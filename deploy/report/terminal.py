@@ -142,7 +142,7 @@ def _arm(summary: Summary) -> Iterator[Row]:
     text = f"{number(entry.rmse_3d_mm)} mm (RMSE in 3D)"
     lag_ms = summary.latency_ms.actuation["p50"]
     if lag_ms is not None:
-        text += f"; it follows {number(lag_ms)} ms later (median)"
+        text += f"; it follows the estimate {number(lag_ms)} ms later (median)"
     if entry.clamped_pct:
         text += f"; {number(entry.clamped_pct)} % of the set points were out of its reach"
     yield Row("arm", text)

@@ -53,9 +53,13 @@
     if (!task && !waits && (message.stopped || message.asked)) say("");
     if (!task || !message.arm_mm) return;
     if (message.driver === "other") return leave("Another page drives the arm.");
-    const [there, back] = message.set.delay, isSet = there + back === task.label.delay_ms;
-    if (task.isSet && !isSet) return leave("Ended: the delay is no longer that of these targets.");
-    task.isSet = isSet;
+    if (window.live.isOver()) return leave("The run has ended.");
+    // what is set is not known where netem does not answer, as at the end of the run
+    const { delay: [there, back], loss } = message.set, isSet = there + back === task.label.delay_ms;
+    if ([there, back, ...loss].some((one) => one !== null)) {
+      if (task.isSet && !isSet) return leave("Ended: the delay is no longer that of these targets.");
+      task.isSet = isSet;
+    }
     const why = spoilt(task, message);
     if (why) return leave(`Ended: ${why}, so it tells no longer of this delay alone.`);
     const before = task.next;

@@ -255,9 +255,9 @@ def _row(
 
 def _more(counters: Mapping[str, int]) -> list[str]:
     parts: Sequence[tuple[str, Callable[[int], str]]] = (
-        ("queries.asked", lambda n: f"{n} queries with {counters['queries.replies']} replies"),
+        ("queries.asked", lambda n: f"{n} queries asked, {counters['queries.replies']} replies let go"),
         ("queries.timed_out", lambda n: f"{n} queries timed out"),
-        ("tokens.changes", lambda n: f"{n} changes of liveliness tokens"),
+        ("tokens.changes", lambda n: f"{n} changes of liveliness tokens offered"),
         ("tokens.cuts", lambda n: f"{n} times all tokens withdrawn by an outage"),
         ("before_epoch", lambda n: f"{n} messages before the beginning"),
         ("unsent", lambda n: f"{n} messages that Zenoh refused to send"),

@@ -133,6 +133,8 @@ def _during(entry: TimelineEntry) -> str:
 
 def _set_in_words(entry: TimelineEntry) -> str:
     given = entry.set.model_dump(mode="json", exclude_unset=True)
+    if given.get("stall") is True:
+        given.pop("outage", None)  # false where an outage became a stall, as in a stream
     words = (name if value is True else f"{name} {_new_in_words(value)}" for name, value in given.items())
     return ", ".join(words)
 

@@ -68,8 +68,9 @@ from tis.common.sources.jigsaws import COLUMNS, parse_trial
 from tis.common.sources.jigsaws import pose_track as trial_track
 from tis.common.sources.provenance import parse_played
 from tis.common.sources.table_clock import played, row_clock
-from tis.common.sources.table_columns import layout_of, read_columns, split_table
+from tis.common.sources.table_columns import layout_of
 from tis.common.sources.table_poses import finite_faults, pose_track
+from tis.common.sources.table_text import read_columns, split_table
 from tis.common.stop_messages import EmergencyStop, lock_of
 from tis.common.trace import parse_trace
 from tis.deploy.compare.grid import grid_faults

@@ -169,8 +169,13 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         watching.wait_for_function(_STATUS, arg="Nobody drives: the hand holds")
         watching.wait_for_timeout(2_000)
         assert tis.process.poll() is None
+        # a task that is open at the end of the run ends with it, and not by a change of the network
+        watching.get_by_role("button", name="100 ms", exact=True).click()
+        watching.get_by_text("Bring the arm to target 1 of 9").wait_for()
+        watching.wait_for_function(_DELAY_IS, arg="50")
         tis.process.send_signal(signal.SIGINT)
         watching.wait_for_function("() => document.title.startsWith('tis live: The run has ended')")
+        watching.wait_for_function("() => document.getElementById('touching').textContent === 'The run has ended.'")
         for line in ("driver", "left"):
             watching.wait_for_function(_ENDED, arg=line)
     assert tis.wait()[0] == 130

@@ -19,10 +19,8 @@ from tis.common.sources.table_columns import (
     MAX_TEXT_BYTES,
     MAX_VALUES,
     MIN_ROWS,
-    TableText,
-    read_columns,
-    split_table,
 )
+from tis.common.sources.table_text import TableText, read_columns, split_table
 from tis.common.sources.trajectory import Array
 
 METADATA: Final = b"tis"

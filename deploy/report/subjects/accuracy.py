@@ -309,13 +309,14 @@ def _offsets(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
         for name, one in accuracy.items()
         for late in [[one.offset.time_ms[name] for name in ("p50", "p95")]]
     ]
+    step_ms = max((one.offset.step_ms for one in accuracy.values()), default=0.0)
     columns: tuple[Column | str, ...] = (
         "estimator", "max error, mm", "R\u00b2 in 3D, %", "fit (NRMSE), %", "late by, median, ms", "late by, p95, ms",
         "wrong beyond that, RMS, mm",
     )  # fmt: skip
     note = (
-        "Late by: the shift in time that explains most of the error at each instant (effective time offset); the "
-        "rest is an error in value"
+        "Late by: the shift in time that explains most of the error at each instant (effective time offset), in "
+        f"steps of {number(step_ms)} ms; the rest is an error in value"
     )
     return Table(f"Errors and offsets, {which}", columns, rows, note, active)
 

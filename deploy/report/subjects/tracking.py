@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Hand
-from tis.common.metrics.etvo import Etvo, etvo, offset_grid_s
+from tis.common.metrics.etvo import Etvo, etvo, finer_grid_s, offset_grid_s
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import SETTLING_NS, scored_ticks, truth_at
 from tis.common.records import ESTIMATES, PLANT, TRUTH
@@ -199,6 +199,7 @@ class Offset(Section):
     """Effective time and value offsets (ETVO) of the reproduced movement."""
 
     n: int = means("Ticks that were aligned with the truth: of more than 6000 every second one, or third, ...")
+    step_ms: float = means("Time offsets are multiples of this: the finest grid that spans those of the run.")
     time_ms: Statistics = statistics("Effective time offset, positive when the movement is late.", "mean p50 p95 max")
     value_mm: Statistics = statistics(
         "Effective value offset, the error that remains after the time offset.", "p50 p95 max"
@@ -226,9 +227,9 @@ def offsets(tracks: Sequence[HandTrack], name: str, rate_hz: int) -> Offset:
     rates = [(one.delay_derivative, len(one.time_s) - 1) for one in found]
     known = [(rate, n) for rate, n in rates if rate is not None]
     mean_rate = sum(rate * n for rate, n in known) / sum(n for _, n in known) if known else None
-    return _offset(
-        Etvo(np.concatenate([one.time_s for one in found]), np.concatenate([one.value for one in found]), mean_rate)
-    )
+    times_s, values = ([one.time_s for one in found], [one.value for one in found])
+    step_s = max(one.step_s for one in found)
+    return _offset(Etvo(np.concatenate(times_s), np.concatenate(values), mean_rate, step_s))
 
 
 def actuation_ms(track: HandTrack, active: str, rate_hz: int, follows: NDArray[np.bool_] | None = None) -> Array:
@@ -250,7 +251,9 @@ def aligned(
 ) -> Etvo:
     """Return the offsets of a movement (T, 3) to another at scored ticks that have both.
 
-    Of more than `MAX_ALIGNED` every second one is aligned, or third, and so on, so that they are of the whole run.
+    Of more than `MAX_ALIGNED` every second one is aligned, or third, and so on, so that they are of the whole run. A
+    second search among offsets about those of the first resolves what the first leaves, up to 4.7 ms or a quarter of
+    the period.
     """
     known = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
     which = np.flatnonzero(known)
@@ -259,7 +262,9 @@ def aligned(
     # four candidate offsets per tick resolve a quarter of the period
     grid_s = offset_grid_s(_MIN_OFFSET_S, latest_s, 1.0 / (_STEPS_A_TICK * rate_hz))
     every = -(-len(which) // MAX_ALIGNED) or 1
-    return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s, every)
+    movements = track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which]
+    found = etvo(*movements, grid_s, every)
+    return etvo(*movements, finer_grid_s(grid_s, found.time_s), every) if len(found.time_s) else found
 
 
 def _offset(found: Etvo) -> Offset:
@@ -267,6 +272,7 @@ def _offset(found: Etvo) -> Offset:
     derivative = found.delay_derivative
     return Offset(
         n=len(value_mm),
+        step_ms=found.step_s * _MS_PER_S,
         time_ms=summarise(found.time_s * _MS_PER_S, (50, 95), ("mean", "max")),
         value_mm=summarise(value_mm, (50, 95), ("max",)),
         value_rms_mm=float(np.sqrt(np.mean(value_mm**2))) if len(value_mm) else None,

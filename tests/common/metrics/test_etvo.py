@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.common.metrics.etvo import Array, etvo, offset_grid_s
+from tis.common.metrics.etvo import Array, etvo, finer_grid_s, offset_grid_s
 
 
 def movement(t_s: Array) -> Array:
@@ -24,6 +24,16 @@ def test_the_grid_reaches_both_ends_holds_zero_and_stays_small() -> None:
     assert len(wide) <= 256
     assert wide[0] <= -0.2
     assert wide[-1] >= 1.0
+
+
+@given(st.lists(st.floats(-0.1, 0.3), min_size=1, max_size=5))
+def test_a_finer_grid_holds_what_was_found_and_a_step_beyond(offsets_s: list[float]) -> None:
+    found_s = GRID[np.abs(GRID - np.array(offsets_s)[:, None]).argmin(axis=1)]
+    finer_s, step_s = finer_grid_s(GRID, found_s), GRID[1] - GRID[0]
+    assert len(finer_s) <= 256
+    assert [np.abs(finer_s - one).min() for one in found_s] == pytest.approx([0] * len(found_s), abs=1e-12)
+    assert [finer_s[0], finer_s[-1]] == pytest.approx([found_s.min() - step_s, found_s.max() + step_s])
+    assert np.diff(finer_s).max() <= step_s * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.1, -0.05, 0.25])

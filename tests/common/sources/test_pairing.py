@@ -45,15 +45,15 @@ def test_the_residual_is_the_noise_whatever_the_gain(seed: int, noise_m: float) 
     arm_m = command_m @ gain + rng.normal(size=3) + rng.normal(scale=noise_m, size=command_m.shape)
     fit = fit_arm(command_m, arm_m, "PSM1")
     # 4 of 400 degrees of freedom per axis go into the map: 0.995, and 1200 draws scatter by 2 %
-    assert fit.residual_rms_m == pytest.approx(0.995 * noise_m, rel=0.12)
-    assert fit.ratio == pytest.approx(fit.residual_rms_m / np.sqrt(arm_m.var(axis=0).mean()))
+    assert fit.residual_rms_m == pytest.approx(0.995 * 3**0.5 * noise_m, rel=0.12)
+    assert fit.ratio == pytest.approx(fit.residual_rms_m / np.sqrt(arm_m.var(axis=0).sum()))
 
 
 def test_the_residual_is_that_of_the_normal_equations() -> None:
     command_m, arm_m = LEFT, CROSSED["PSM1"]
     regressors = np.column_stack([command_m, np.ones(len(command_m))])
     theta = np.linalg.solve(regressors.T @ regressors, regressors.T @ arm_m)
-    residual_m = np.sqrt(np.mean((arm_m - regressors @ theta) ** 2))
+    residual_m = np.sqrt(np.mean(np.sum((arm_m - regressors @ theta) ** 2, axis=1)))
     assert fit_arm(command_m, arm_m, "PSM1").residual_rms_m == pytest.approx(residual_m, rel=1e-9)
 
 

@@ -217,6 +217,16 @@ def test_rows_that_are_often_missing_are_no_noise() -> None:
     assert "jumps as no hand moves it" in text
 
 
+def test_a_trajectory_may_begin_at_its_origin_rest_there_and_cross_it() -> None:
+    moved = swing() - swing()[0]
+    rested = np.concatenate([np.zeros((50, 3)), moved])
+    crossing = np.column_stack([np.arange(-100, 100), np.arange(-100, 100), np.zeros(200)]) * 1e-3
+    for each in (moved, rested, crossing):
+        path_m = np.asarray(each, dtype=np.float64)
+        assert (path_m == 0.0).all(axis=1).any()
+        assert anomalies(path_m, 30, "PSM1", False) == ()
+
+
 def test_zeros_are_named_and_so_are_the_jumps_to_them() -> None:
     filled = swing() + 0.5
     filled[400:460] = 0.0

@@ -4,7 +4,7 @@ import pytest
 
 from tis.common.errors import InputError
 from tis.common.scenario.network import NetworkPart
-from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.conditions import Change, TimelineEntry
 from tis.netem.bridge.carried_network import (
     backlog_bytes,
     datagram_change,
@@ -15,6 +15,7 @@ from tis.netem.bridge.carried_network import (
 )
 
 RULE = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
+from tis.netem.control.replay import entry_in_words
 
 LOSS_RULE = "needs recovery, as a stream of bytes (--carry tcp) repeats what it loses: {..., recovery: {}}"
 
@@ -123,6 +124,7 @@ def test_a_live_change_is_refused_or_adapted() -> None:
     assert stream_change(repeating, Change(add_p_loss=0.1)).add_p_loss == 0.1
     outage = stream_change(bare, Change(outage=True))
     assert (outage.outage, outage.stall) == (False, True)
+    assert entry_in_words(TimelineEntry(at_s=1, for_s=0.7, set=outage)) == "from 1.000 s for 0.7 s: stall"
     assert stream_change(repeating, Change(outage=True)).outage
     with pytest.raises(InputError, match=r"control: change\.clean: would end the recovery"):
         stream_change(repeating, Change(clean=True))

@@ -133,14 +133,21 @@ def test_an_arm_that_does_not_follow_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lag_hz", "delay_rows", "how"),
-    [(3.0, 0, "behind a lag of 3 Hz 0.000 mm"), (None, 13, "behind a delay of 260 ms 0.000 mm")],
+    ("lag_hz", "delay_rows", "rate_hz", "how"),
+    [
+        (3.0, 0, 50, "behind a lag of 3 Hz 0.000 mm"),
+        (None, 13, 50, "behind a delay of 260 ms 0.000 mm"),
+        (2.0, 1, 100, "behind a lag of 2 Hz and a delay of 10 ms 0.000 mm"),
+        (1.7, 3, 100, "behind a lag of 1.7 Hz and a delay of 30 ms 0."),
+    ],
 )
-def test_an_arm_that_is_late_does_follow(tmp_path: Path, lag_hz: float | None, delay_rows: int, how: str) -> None:
+def test_an_arm_that_is_late_does_follow(
+    tmp_path: Path, lag_hz: float | None, delay_rows: int, rate_hz: int, how: str
+) -> None:
     """Quick movements, of which a static gain leaves more than a fifth of the arm."""
-    n, rate_hz = 400, 50.0
+    n = 400
     noise = np.random.default_rng(5).standard_normal((n + 100, 3))
-    master = 0.02 * scipy.ndimage.gaussian_filter1d(noise, 3.0, axis=0)
+    master = 0.02 * scipy.ndimage.gaussian_filter1d(noise, 0.06 * rate_hz, axis=0)
     arm, command = 0.5 * master[:n], master[delay_rows : delay_rows + n]
     if lag_hz is not None:
         for k in range(1, n):
@@ -148,7 +155,7 @@ def test_an_arm_that_is_late_does_follow(tmp_path: Path, lag_hz: float | None, d
     columns = movement(n, rate_hz)
     columns |= {f"MTML_{axis}_m": command[:, k] for k, axis in enumerate("xyz")}
     columns |= {f"PSM2_{axis}_m": arm[:, k] for k, axis in enumerate("xyz")}
-    scenario = scenario_of(write_csv(tmp_path / "t.csv", columns)).model_copy(update={"rate_hz": 50})
+    scenario = scenario_of(write_csv(tmp_path / "t.csv", columns)).model_copy(update={"rate_hz": rate_hz})
     recording = load_recording(scenario)
     assert recording.warnings == ()
     assert how in recording.pairing
