@@ -13,9 +13,9 @@ from tis.netem.bridge.carried_network import (
     stream_change,
     stream_network,
 )
+from tis.netem.control.replay import entry_in_words
 
 RULE = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
-from tis.netem.control.replay import entry_in_words
 
 LOSS_RULE = "needs recovery, as a stream of bytes (--carry tcp) repeats what it loses: {..., recovery: {}}"
 
