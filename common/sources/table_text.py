@@ -107,10 +107,12 @@ def _dates(table: TableText, name: str, where: str) -> Array | None:
     raise DataError(capped(found, len(bad), where, rule))
 
 
-def read_columns(table: TableText, wanted: Sequence[str], where: str, time: str | None = None) -> Mapping[str, Array]:
+def read_columns(
+    table: TableText, wanted: Sequence[str], where: str, time: str | None = None, unit_s: float = 1.0
+) -> Mapping[str, Array]:
     """Return the wanted columns, each there once; raises `DataError` with the faults of every kind at once.
 
-    Of ``time`` the cells may be dates, which are returned in s from the first.
+    Of ``time`` the cells may be dates, which are returned in the unit of times, of ``unit_s``, from the first.
     Kinds are the number of cells of a line and what is no number; at most five lines of each are shown, and the
     others counted. NaN is a number here. Oracle: round trips and damaged tables in the tests.
     """
@@ -124,7 +126,7 @@ def read_columns(table: TableText, wanted: Sequence[str], where: str, time: str 
             if dates is None:
                 rule = "must be a number, or a time like 2026-03-29T14:00:00.5+02:00"
                 raise DataError(Fault(where, f"line 2, column {time}", rule, of_first[place]))
-            return {**others, time: dates}
+            return {**others, time: dates / unit_s}
     places = [table.names.index(name) for name in wanted]
     quoted = any('"' in line for line in table.lines)
     even = quoted or all(line.count(table.separator) + 1 == len(table.names) for line in table.lines)

@@ -100,7 +100,7 @@
       while (trails[name].length && now - trails[name][0][0] > TRAIL_MS) trails[name].shift();
     }
     const words = (value, unit, digits) => (value == null ? "–" : `${value.toFixed(digits)} ${unit}`);
-    at("late").textContent = seen.late_ms == null ? "–" : window.pictureLayout.sharesOf(seen.late_ms, 0).whole;
+    at("late").textContent = seen.late_ms == null ? "–" : window.pictureLayout.sharesOf(seen.late_ms, 0, Number(at("late_parts").dataset.rate_hz)).whole;
     at("no_ghost").hidden = !stands();
     at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
     at("ghost_mm").textContent = words(stands() ? null : seen.ghost_error_mm, "mm", 1);

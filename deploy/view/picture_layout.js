@@ -85,15 +85,15 @@ window.pictureLayout = (() => {
     wall_n_m == null ? "" : `What it touches has ${wall_n_m.toFixed(0)} N/m.`,
     limit_n_m == null || loop.over_s < loop.young_s ? "" : `In theory it swings from ${limit_n_m.toFixed(0)} N/m on, at the round trip of now${late_ms > 0 ? `, ${Math.round(late_ms)} ms` : ""}.`].filter(Boolean).join(" "));
 
-  // A whole and a part of it in words, in one resolution, with the rest: what is read adds up. Times in ms.
-  const sharesOf = (whole_ms, part_ms) => {
-    const step = whole_ms < 95 ? 1 : 10, [whole, part] = [whole_ms, part_ms].map((ms) => step * Math.round(ms / step));
+  // A whole and a part of it in words, in one resolution, with the rest: what is read adds up. Times in ms. A rest of two ticks shows.
+  const sharesOf = (whole_ms, part_ms, rate_hz) => {
+    const step = whole_ms < 95 || rate_hz >= 100 ? 1 : 10, [whole, part] = [whole_ms, part_ms].map((ms) => step * Math.round(ms / step));
     return { whole: lateness(whole), part: lateness(part), rest: lateness(whole - part), rest_ms: whole - part };
   };
   const lateness = (ms) => (Math.abs(ms) < 950 ? `${ms} ms` : `${(ms / 1000).toFixed(2)} s`);
   // The parts of a lateness. What waits for ticks is between none and two of them, by where the delay falls between them. An arm's own lag is no part.
   const partsWords = (late_ms, network_ms, judged_s, rate_hz) => {
-    const { part, rest, rest_ms } = sharesOf(late_ms, network_ms), over = `(medians of the last ${judged_s} s, of the same messages)`;
+    const { part, rest, rest_ms } = sharesOf(late_ms, network_ms, rate_hz), over = `(medians of the last ${judged_s} s, of the same messages)`;
     const ticks = rate_hz > 0 ? `two ticks, ${lateness(Math.round(1000 / rate_hz))} to ${lateness(Math.round(2000 / rate_hz))} at ${rate_hz} Hz` : "two ticks";
     return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.`
       : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for ticks, at arm and display, and computing: it depends on how the delay falls between them. Without a network it is one to ${ticks}. How far the arm is behind what it is told, and drawing by the browser, come on top.`;

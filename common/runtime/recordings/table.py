@@ -60,7 +60,7 @@ def table_recording(source: TableSource, file: Path, rate_hz: int, head_rows: in
     where = str(file)
     table = open_table(file)
     layout = layout_of(source, table.names, where)
-    columns = table.read(layout.names, layout.time)
+    columns = table.read(layout.names, layout.time, SECONDS_PER[layout.time_unit])
     faults = finite_faults(columns, where)
     if faults:
         raise DataError(faults)

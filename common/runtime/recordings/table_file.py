@@ -47,7 +47,7 @@ class TableFile(Protocol):
     def metadata(self) -> bytes:
         """JSON that `tis import` wrote, empty if there is none."""
 
-    def read(self, wanted: Sequence[str], time: str | None) -> Mapping[str, Array]:
+    def read(self, wanted: Sequence[str], time: str | None, unit_s: float = 1.0) -> Mapping[str, Array]:
         """Return the wanted columns; ``time`` may hold dates, which are returned in s from its first one."""
 
 
@@ -99,8 +99,8 @@ class _Csv:
     def names(self) -> tuple[str, ...]:
         return self.table.names
 
-    def read(self, wanted: Sequence[str], time: str | None) -> Mapping[str, Array]:
-        return read_columns(self.table, wanted, self.where, time)
+    def read(self, wanted: Sequence[str], time: str | None, unit_s: float = 1.0) -> Mapping[str, Array]:
+        return read_columns(self.table, wanted, self.where, time, unit_s)
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class _Parquet:
         found: bytes = (self.file.schema_arrow.metadata or {}).get(METADATA, b"")
         return found if len(found) <= _MAX_METADATA_BYTES else b""
 
-    def read(self, wanted: Sequence[str], time: str | None) -> Mapping[str, Array]:
+    def read(self, wanted: Sequence[str], time: str | None, unit_s: float = 1.0) -> Mapping[str, Array]:
         """Return the columns, read in batches, as the file may hold more rows than it states."""
         import pyarrow as pa
 
@@ -143,7 +143,7 @@ class _Parquet:
             raise DataError(Fault(self.where, "", f"must have at least {MIN_ROWS} rows", n_read))
         columns = {name: np.concatenate(arrays) for name, arrays in parts.items()}
         for name, ticks_per_s in units.items():
-            columns[name] = (columns[name] - columns[name][0]) / ticks_per_s
+            columns[name] = (columns[name] - columns[name][0]) / (ticks_per_s * unit_s)
         return {name: _as_floats(values, name == time) for name, values in columns.items()}
 
     def _type_faults(self, wanted: Sequence[str], time: str | None) -> tuple[list[Fault], dict[str, int]]:

@@ -143,6 +143,8 @@ def test_times_may_be_dates(offset: str) -> None:
     text = "\n".join(["t,x", *(f"{date},{k}" for k, date in enumerate(dates))])
     found = read_columns(split_table(text, "t.csv"), ["t", "x"], "t.csv", "t")
     assert found["t"].tolist() == pytest.approx([0.0, 0.1, 0.100000001], abs=1e-12)
+    in_ms = read_columns(split_table(text, "t.csv"), ["t", "x"], "t.csv", "t", 1e-3)
+    assert in_ms["t"].tolist() == pytest.approx([0.0, 100.0, 100.000001], abs=1e-9)
     assert found["x"].tolist() == [0.0, 1.0, 2.0]
 
 

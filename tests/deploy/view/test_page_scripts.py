@@ -259,18 +259,19 @@ def test_a_swing_too_small_to_be_seen_is_told_with_its_growth(page: "Page") -> N
 
 
 @pytest.mark.parametrize(
-    ("late_ms", "network_ms", "shares"),
+    ("late_ms", "network_ms", "rate_hz", "shares"),
     [
-        (233.0, 200.1, ("230 ms", "200 ms", "30 ms")),
-        (666.0, 600.2, ("670 ms", "600 ms", "70 ms")),
-        (71.4, 0.3, ("71 ms", "0 ms", "71 ms")),
-        (1266.0, 1200.0, ("1.27 s", "1.20 s", "70 ms")),
+        (233.0, 200.1, 30, ("230 ms", "200 ms", "30 ms")),
+        (666.0, 600.2, 30, ("670 ms", "600 ms", "70 ms")),
+        (71.4, 0.3, 30, ("71 ms", "0 ms", "71 ms")),
+        (1266.0, 1200.0, 30, ("1.27 s", "1.20 s", "70 ms")),
+        (105.0, 97.4, 200, ("105 ms", "97 ms", "8 ms")),
     ],
 )
 def test_the_parts_of_the_lateness_add_up_as_they_are_read(
-    page: "Page", late_ms: float, network_ms: float, shares: tuple[str, str, str]
+    page: "Page", late_ms: float, network_ms: float, rate_hz: int, shares: tuple[str, str, str]
 ) -> None:
-    found = page.evaluate("([a, b]) => window.pictureLayout.sharesOf(a, b)", [late_ms, network_ms])
+    found = page.evaluate("([...each]) => window.pictureLayout.sharesOf(...each)", [late_ms, network_ms, rate_hz])
     assert (found["whole"], found["part"], found["rest"]) == shares
 
 

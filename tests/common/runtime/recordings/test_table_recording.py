@@ -95,8 +95,8 @@ def test_instants_of_nanoseconds_since_1970_keep_their_differences(tmp_path: Pat
     for time in (ticks, pa.array(ticks, pa.timestamp("ns"))):
         file = write_parquet(tmp_path / "t.parquet", columns | {"time_s": time})
         scenario = scenario_of(file, duration_s=0.05, columns={"time": "time_s"}, units={"time": "ns"})
-        if isinstance(time, pa.Array):
-            scenario = scenario_of(file, duration_s=0.05)  # dates carry their unit
+        if isinstance(time, pa.Array):  # dates carry their unit
+            scenario = scenario_of(file, duration_s=0.05, columns={"time": "time_s"}, units={"time": "ms"})
         fast = scenario.model_copy(update={"rate_hz": 1000})
         assert load_recording(fast).warnings == ()
 
