@@ -32,7 +32,7 @@ from tis.common.units import NS_PER_MS
 from tis.deploy.net.profiles import profile_path, read_profile
 from tis.deploy.present.table import PLAIN, Column, Table
 from tis.netem.control.replay import entry_in_words, value_in_words, ways_past
-from tis.netem.expected.figures import direction_label
+from tis.netem.expected.synopsis import direction_label
 from tis.netem.stages.delay import latency_of
 
 _NONE: Final = "-"

@@ -36,7 +36,7 @@ from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, lo
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone_log import network_yaml
 from tis.netem.control.replay import made_changes, weightiest
-from tis.netem.expected.figures import direction_label
+from tis.netem.expected.synopsis import direction_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

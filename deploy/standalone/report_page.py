@@ -24,7 +24,7 @@ from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.processors import processor_table
 from tis.deploy.standalone.command import NetemSummary, named_changes
 from tis.deploy.standalone.standalone_run import StandaloneRun, network_lines
-from tis.netem.expected.figures import direction_label
+from tis.netem.expected.synopsis import direction_label
 
 _TITLE: Final = "netem between two networks"
 

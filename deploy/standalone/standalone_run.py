@@ -20,7 +20,7 @@ from tis.deploy.logs.read.side_log import Packets, SideLog
 from tis.deploy.report.subjects.network.requested import StandaloneNetwork
 from tis.deploy.shell import run_dir as folder
 from tis.netem.bridge.keys import crossing_keys
-from tis.netem.expected.figures import synopsis
+from tis.netem.expected.synopsis import synopsis
 
 NETWORK_FILE: Final = folder.NETWORK_FILE
 LOG: Final = "netem.mcap"

@@ -241,7 +241,6 @@ class DriveHub:
             "arm_path": self._observer.read(lambda book: self._arm_path(book, seen["arm"])),
             "late_ms": self._late_ms,
             "network_ms": self._network_ms,
-            "changed_s": self._edges.changed_ns / NS_PER_S,
             "settles": self._settles(seen["now_s"]),
             "silent_s": figures.display_silent_s,
             "feedback_error_mm": errors and round(errors.feedback_mm, 2),
@@ -329,10 +328,11 @@ def queues(state: EmulatorState | None) -> bool:
     return any(way is not None and way.now.rate is not None for way in ways)
 
 
-def set_now(state: EmulatorState | None) -> dict[str, list[float | None]]:
+def set_now(state: EmulatorState | None) -> dict[str, Any]:
     """Return what netem is set to, there and back, in the units of the page's fields: delay in ms, loss in percent.
 
-    None is what no single number tells, and what is not known. Oracle: states by hand, tests/deploy/view/test_drive.
+    ``at_s`` is when the newest change that holds was requested to act. None is what no single number tells, and what
+    is not known. Oracle: states by hand, tests/deploy/view/test_drive.
     """
     ways = (None, None) if state is None else (state.forward, state.feedback)
 
@@ -343,7 +343,9 @@ def set_now(state: EmulatorState | None) -> dict[str, list[float | None]]:
         value = 0.0 if found is None else getattr(found, name, None)
         return None if value is None else round(per_unit * value, 6)
 
+    added = [one.at_s for way in ways if way is not None for one in way.added]
     return {
+        "at_s": max(added, default=None),
         "delay": [of(way, "delay", "delay_ms", 1.0) for way in ways],
         "loss": [of(way, "loss", "p_loss", 100.0) for way in ways],
     }

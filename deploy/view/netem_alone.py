@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, get_args
 from tis.common.channels import Direction
 from tis.common.scenario.control import EmulatorState, RecentDelays
 from tis.deploy.net.control import notes_on, state_table
-from tis.netem.expected.figures import direction_label
+from tis.netem.expected.synopsis import direction_label
 
 WINDOW_S: Final = 5.0
 GONE_S: Final = 5.0

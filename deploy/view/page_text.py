@@ -15,7 +15,7 @@ from tis.deploy.watch.book import MISSING
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Attendance, Vantage
 from tis.deploy.watch.safety import Stretch
-from tis.netem.expected.figures import beside_delay
+from tis.netem.expected.synopsis import beside_delay
 
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}

@@ -12,18 +12,17 @@ window.touchTask = (() => {
     return [centre[0] + RING_MM * Math.cos(angle), centre[1] + RING_MM * Math.sin(angle)];
   };
 
-  // A task about `centre`, in mm; `label` is what its row tells of how it was played.
-  const begin = (centre, label) => ({
-    label, targets: Array.from({ length: N_TARGETS }, (_, k) => place(centre, k)),
+  // A task about `centre`, in mm, asked for at `asked_s` of run time; `label` is what its row tells of how it was played.
+  const begin = (centre, label, asked_s) => ({
+    label, asked_s, targets: Array.from({ length: N_TARGETS }, (_, k) => place(centre, k)),
     next: 0, n_misses: 0, path_mm: 0, began_ms: null, ended_ms: null, inside_ms: null, at_ms: -Infinity, arm_mm: null,
-    changed_s: null,
+    set_s: null,
   });
   const isOver = (task) => task.ended_ms !== null;
 
   // The task after the arm was seen at a place. A target counts once the arm has stayed in it for DWELL_MS; to leave it
-  // sooner is a miss. Time, path and misses count from the touch of the first target to that of the last. `changed_s` is
-  // when the network was last changed.
-  const step = (task, at_ms, arm_mm, changed_s = 0) => {
+  // sooner is a miss. Time, path and misses count from the touch of the first target to that of the last.
+  const step = (task, at_ms, arm_mm) => {
     if (isOver(task) || !(at_ms > task.at_ms)) return task;
     const after = { ...task, at_ms, arm_mm };
     if (task.began_ms !== null) after.path_mm += far(task.arm_mm, arm_mm);
@@ -36,16 +35,23 @@ window.touchTask = (() => {
     if (at_ms - after.inside_ms < DWELL_MS - ROUNDED_MS) return after;
     after.inside_ms = null;
     after.next += 1;
-    if (task.began_ms === null) Object.assign(after, { began_ms: at_ms, changed_s });
+    if (task.began_ms === null) after.began_ms = at_ms;
     if (after.next === N_TARGETS) after.ended_ms = at_ms;
     return after;
   };
 
-  // Why a task that counts tells no longer of its delay alone; "" while it does.
-  const spoilt = (task, { stopped, changed_s }) => {
-    if (task.began_ms === null || isOver(task)) return "";
-    if (stopped) return "the arms were stopped";
-    return changed_s === task.changed_s ? "" : "the network was changed";
+  // The task once its own delay is set, by the newest request that netem holds, at `at_s`: an older one may set the same.
+  // Where netem does not answer, as at the end of the run, nothing is known.
+  const isKnown = ({ at_s, delay, loss }) => [at_s, ...delay, ...loss].some((one) => one !== null);
+  const isDelay = (task, { delay: [there, back] }) => there + back === task.label.delay_ms;
+  const noted = (task, set) => (task.set_s === null && set.at_s > task.asked_s && isDelay(task, set) ? { ...task, set_s: set.at_s } : task);
+
+  // Why a task tells no longer of its delay alone; "" while it does. A stop before it counts delays it only.
+  const OTHER = "Ended: the delay is no longer that of these targets.", ended = (why) => `Ended: ${why}, so it tells no longer of this delay alone.`;
+  const spoilt = (task, { stopped, set }) => {
+    if (isOver(task)) return "";
+    if (task.set_s !== null && isKnown(set) && set.at_s !== task.set_s) return isDelay(task, set) ? ended("the network was changed") : OTHER;
+    return stopped && task.began_ms !== null ? ended("the arms were stopped") : "";
   };
 
   const rowOf = (task) => ({
@@ -65,5 +71,5 @@ window.touchTask = (() => {
   const csvOf = (rows) => ["delay_there_and_back_ms,with_ghost,time_s,arm_path_mm,n_misses", ...rows.map((row) =>
     [row.delay_ms, row.ghost, row.time_s.toFixed(3), row.path_mm.toFixed(2), row.n_misses].join(","))].join("\n") + "\n";
 
-  return { N_TARGETS, RADIUS_MM, DWELL_MS, RING_MM, begin, step, isOver, spoilt, rowOf, read, csvOf, MAX_ROWS };
+  return { N_TARGETS, RADIUS_MM, DWELL_MS, RING_MM, begin, step, isOver, noted, spoilt, rowOf, read, csvOf, MAX_ROWS };
 })();

@@ -4,9 +4,9 @@
   const at = (id) => document.getElementById(id);
   const buttons = [...document.querySelectorAll("[data-touch_ms]")];
   if (!buttons.length) return;  // a page that does not drive
-  const { begin, step, isOver, spoilt, rowOf, read, csvOf, N_TARGETS, MAX_ROWS } = window.touchTask;
+  const { begin, step, isOver, noted, spoilt, rowOf, read, csvOf, N_TARGETS, MAX_ROWS } = window.touchTask;
   const KEY = "tis touches";
-  let rows = [], task = null, waits = null;
+  let rows = [], task = null, waits = null, now_s = 0, asked_s = 0;
   try { rows = read(sessionStorage.getItem(KEY)); } catch { /* a page that may keep nothing has them while it is open */ }
 
   const say = (text) => { if (at("touching").textContent !== text) at("touching").textContent = text; };
@@ -32,6 +32,7 @@
       const delay_ms = Number(button.dataset.touch_ms), ghost = at("with_ghost").checked;
       if (!window.live.take()) return say("Not begun: the arm is not there yet, or the connection is lost.");
       waits = { delay_ms, ghost };
+      asked_s = now_s;
       task = null;
       window.live.setTask(null);
       at("give_up").hidden = false;
@@ -43,10 +44,11 @@
   at("give_up").addEventListener("click", () => leave("Given up; the network keeps this delay until Reset."));
 
   window.live.on((message) => {
+    now_s = message.now_s ?? now_s;
     if ("network" in message) for (const button of buttons) button.disabled = !message.network;
     if (message.asked === "task" && waits) {
       if (!message.answer.startsWith("done")) return leave(`Not begun: ${message.answer}`);
-      task = begin(window.live.home(), waits);
+      task = begin(window.live.home(), waits, asked_s);
       waits = null;
     }
     // what was told of a task that is over is of the past once the arm is stopped, or something is asked
@@ -54,17 +56,12 @@
     if (!task || !message.arm_mm) return;
     if (message.driver === "other") return leave("Another page drives the arm.");
     if (window.live.isOver()) return leave("The run has ended.");
-    // what is set is not known where netem does not answer, as at the end of the run
-    const { delay: [there, back], loss } = message.set, isSet = there + back === task.label.delay_ms;
-    if ([there, back, ...loss].some((one) => one !== null)) {
-      if (task.isSet && !isSet) return leave("Ended: the delay is no longer that of these targets.");
-      task.isSet = isSet;
-    }
+    task = noted(task, message.set);
     const why = spoilt(task, message);
-    if (why) return leave(`Ended: ${why}, so it tells no longer of this delay alone.`);
+    if (why) return leave(why);
     const before = task.next;
     // all of the arm's path counts, not what pictures happen to show
-    for (const [at_ms, ...arm_mm] of message.arm_path) task = step(task, at_ms, arm_mm, message.changed_s);
+    for (const [at_ms, ...arm_mm] of message.arm_path) task = step(task, at_ms, arm_mm);
     window.live.setTask({ targets: task.targets, next: task.next, inside: task.inside_ms !== null, ghost: task.label.ghost });
     if (isOver(task)) {
       rows = [...rows, rowOf(task)].slice(-MAX_ROWS);

@@ -40,7 +40,7 @@ from tis.netem.bridge.standstill import Deadline
 from tis.netem.bridge.tally import Tally, table
 from tis.netem.bridge.watches import watches
 from tis.netem.build import build_links
-from tis.netem.expected.figures import synopsis
+from tis.netem.expected.synopsis import synopsis
 
 _SEGMENT_BYTES: Final = 1448
 _CHUNK_BYTES: Final = 65_536

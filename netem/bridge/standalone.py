@@ -53,7 +53,7 @@ from tis.netem.bridge.standstill import Deadline
 from tis.netem.bridge.tally import Tally, table
 from tis.netem.bridge.watches import RulesWatch, silent, watches
 from tis.netem.build import build_links
-from tis.netem.expected.figures import synopsis
+from tis.netem.expected.synopsis import synopsis
 from tis.netem.link.link import Link
 
 _ENDLESS_NS: Final = 1 << 62

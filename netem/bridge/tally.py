@@ -16,7 +16,7 @@ from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.watches import LATE_NS, LateWatch, RulesWatch, names_near_bounds
 from tis.netem.control.replay import ways_past
-from tis.netem.expected.figures import direction_label
+from tis.netem.expected.synopsis import direction_label
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, when_late
 from tis.netem.link.packet import flow_key
 
@@ -115,7 +115,7 @@ class Realised:
         return RecentDelays(within_s=RECENT_S, n=len(delays_ms), p50_ms=p50_ms, p99_ms=p99_ms)
 
     def __str__(self) -> str:
-        """Return mean and standard deviation in the words of `tis.netem.expected.figures.synopsis`."""
+        """Return mean and standard deviation in the words of `tis.netem.expected.synopsis`."""
         if not self.n:
             return "nothing left"
         mean_ms = self._sum_ms / self.n
@@ -212,7 +212,7 @@ class Tally(WatchedLog):
 def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -> list[str]:
     """Return the lines printed at the end; a cause without drops has no column.
 
-    ``requested`` is the `tis.netem.expected.figures.synopsis`, which lacks the changes during the run.
+    ``requested`` is the `tis.netem.expected.synopsis`, which lacks the changes during the run.
     """
     errors = tally.errors
     causes = [cause for cause in DROPS if any(counters[f"{direction}.dropped.{cause}"] for direction in errors)]

@@ -9,7 +9,7 @@ from typing import Final
 from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
 from tis.common.scenario.network import Buffer
 from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.netem.expected.figures import direction_label
+from tis.netem.expected.synopsis import direction_label
 from tis.netem.link.flows import MAX_CLOSED, MAX_FLOWS
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
 from tis.netem.link.link import Link

@@ -1,21 +1,14 @@
-"""The requested figures of a network, from its models, and the line of each direction that states them.
+"""The requested figures of a network, from its models: mean, quantiles, loss, bursts and outages by direction."""
 
-The figures are mean, quantiles, loss, bursts and outages by direction. The lines are printed before the first message
-passes.
-"""
-
-from collections.abc import Iterator, Mapping, Sequence
-from math import isfinite, isnan, prod, sqrt
-from typing import Final, NamedTuple, get_args
+from collections.abc import Iterator, Mapping
+from math import prod, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from tis.common.channels import DESTINATION, ORIGIN, Direction
+from tis.common.channels import Direction
 from tis.common.scenario.network import NetworkPart
-from tis.common.scenario.network.capacity import MAX_COUNT, Capacity, CoDel, Cross, Queue, RecordedRate
 from tis.common.scenario.network.conditions import Change, CycleStates, Effect
-from tis.common.scenario.network.loss import TraceLoss
-from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
 from tis.netem.conditions.conditions import merged
@@ -28,8 +21,6 @@ from tis.netem.stages.loss import expected_loss
 _GRID: Final = 4000
 _COARSE_GRID: Final = 400
 _NOTHING_ARRIVES: Final = (float("nan"), float("nan"), float("nan"), float("nan"))
-_BY_NAME: Final = ("duplicate", "corrupt", "reorder")
-_BIT_RATES: Final = ((1e6, "Gbit/s"), (1e3, "Mbit/s"))
 
 
 class DirectionFigures(NamedTuple):
@@ -39,6 +30,8 @@ class DirectionFigures(NamedTuple):
     time in an outage and in a stall.
     ``recovered_pct`` is the share of messages whose first sending is lost and repeated; how late they are, and what
     waits behind them, depends on the message rate (`tis.netem.expected.simulate`).
+    ``own_loss_pct`` and ``added_loss_pct`` are the shares of the loss stage and of what states add, which is of whole
+    messages also where the stage's is of packets.
     ``mean_burst`` is None if it depends on the message rate, and 0 without losses.
     """
 
@@ -51,6 +44,8 @@ class DirectionFigures(NamedTuple):
     outage_pct: float
     stall_pct: float
     recovered_pct: float = 0.0
+    own_loss_pct: float = 0.0
+    added_loss_pct: float = 0.0
 
 
 class _Regime(NamedTuple):
@@ -63,6 +58,8 @@ class _Regime(NamedTuple):
     p_loss: float
     mean_burst: float | None
     p_recovered: float
+    p_own: float
+    p_added: float
 
 
 def direction_figures(
@@ -84,8 +81,9 @@ def direction_figures(
     bursts = {regime.mean_burst for regime in up} if network.states is None else {None}
     burst = bursts.pop() if len(bursts) == 1 and (loss > 0 or network.states is None) else 0.0
     arriving = [(regime.share * (1 - regime.p_loss), regime) for regime in up]
-    recovered = sum(regime.share * regime.p_recovered for regime in up) / total
-    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall, 100 * recovered)
+    shares = ((regime.share / total, (regime.p_recovered, regime.p_own, regime.p_added)) for regime in up)
+    parts_pct = (100 * sum(each) for each in zip(*([share * p for p in of] for share, of in shares), strict=True))
+    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall, *parts_pct)
 
 
 def _share_without(network: NetworkPart, direction: Direction, effect: Effect) -> float:
@@ -107,12 +105,14 @@ def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Tr
         p_loss = 1 - (1 - own.p_loss) * (1 - change.add_p_loss)
         burst = own.mean_burst if change.add_p_loss == 0 else None
         latency = latency_of(stages, traces)
-        p_recovered = 0.0
+        p_recovered, parts = 0.0, (own.p_loss, change.add_p_loss)
         if stages.recovery is not None:
             p_recovered, p_loss, burst = p_loss, 0.0, 0.0
         levels = levels_ms(network.steps, direction)
         added_ms, of_each = (change.add_delay_ms + levels).tolist(), share / len(levels)
-        up += [_Regime(of_each, latency, change.scale_delay, ms, p_loss, burst, p_recovered) for ms in added_ms]
+        up += [
+            _Regime(of_each, latency, change.scale_delay, ms, p_loss, burst, p_recovered, *parts) for ms in added_ms
+        ]
     return up, p_out
 
 
@@ -154,130 +154,3 @@ def _delays(arriving: list[tuple[float, _Regime]]) -> tuple[float, float, float,
     upto = np.cumsum(np.repeat(weights / n, n)[order])
     p50, p99 = (float(values[order[np.searchsorted(upto, share)]]) for share in (0.5, 0.99))
     return mean, std, p50, p99
-
-
-def direction_label(direction: Direction) -> str:
-    """Return a direction with its networks, as ``forward (west to east)``."""
-    return f"{direction} ({ORIGIN[direction]} to {DESTINATION[direction]})"
-
-
-def synopsis(network: NetworkPart, traces: Mapping[str, Trace]) -> list[str]:
-    """Return one line per direction: its long-run figures, as in the profile library, and its changes.
-
-    Oracle: the library's own figures and literal lines, tests/netem/expected/test_synopsis.
-    """
-    return [
-        f"{direction_label(direction)}: {_words(network, direction, traces)}" for direction in get_args(Direction)
-    ]
-
-
-def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trace]) -> str:
-    of = direction_figures(network, direction, traces)
-    changes = () if network.states is None else [getattr(state, direction) for state in network.states.states]
-    pipeline = getattr(network, direction)
-    words = []
-    if isnan(of.mean_ms):
-        words.append("nothing arrives")
-    elif pipeline.delay is not None or of.mean_ms > 0:
-        as_drawn = " as drawn" if of.std_ms > 0 else ""  # in order, a late one holds back those behind it
-        words.append(f"delay {of.mean_ms:.4g} ms, sd {of.std_ms:.3g}{as_drawn}")
-    if of.loss_pct > 0:
-        words.append(f"loss {of.loss_pct:.3g} %{_of_each(pipeline, changes)}{_in_a_row(of, pipeline, changes)}")
-    if of.recovered_pct > 0:
-        words.append(f"{of.recovered_pct:.3g} %{_of_each(pipeline, changes)} sent again (recovery)")
-    if of.outage_pct > 0:
-        words.append(f"outages {of.outage_pct:.3g} % of the time")
-    if of.stall_pct > 0:
-        words.append(f"stalls {of.stall_pct:.3g} % of the time")
-    words += [name for name in _BY_NAME if any(getattr(part, name) is not None for part in (pipeline, *changes))]
-    words += _rates(pipeline, changes)
-    words += [f"steps every {of.every_s:g} s" for of in network.steps if of.direction in (direction, "both")]
-    words += [*_states(network), *_timeline(network, direction), *_rules(network, direction)]
-    return ", ".join(words) or "nothing injected"
-
-
-def _in_a_row(of: DirectionFigures, pipeline: Pipeline, changes: Sequence[Change]) -> str:
-    """Return the mean length of a burst where losses are not independent and it is known."""
-    has_bursts = any(part.loss is not None and part.loss.kind != "bernoulli" for part in (pipeline, *changes))
-    is_known = has_bursts and of.mean_burst is not None and isfinite(of.mean_burst)
-    return f" in bursts of {of.mean_burst:.3g} on average" if is_known else ""
-
-
-def _of_each(pipeline: Pipeline, changes: Sequence[Change]) -> str:
-    """Return the unit of the loss if it is a packet: a message of several packets is lost more often."""
-    losses = [part.loss for part in (pipeline, *changes)]
-    sizes = {loss.mtu_bytes: None for loss in losses if not isinstance(loss, TraceLoss | None)}
-    if not any(sizes):
-        return ""
-    named = " or ".join("whole message" if size is None else f"packet of {size} bytes" for size in sizes)
-    return f" of each {named}"
-
-
-def _rates(pipeline: Pipeline, changes: Sequence[Change]) -> list[str]:
-    """Return the bit rates of the pipeline and of the states, each with the bounds of its queue."""
-    rates = [part.rate for part in (pipeline, *changes) if part.rate is not None]
-    texts = dict.fromkeys(_rate_in_words(rate) for rate in rates)
-    return [" or ".join(texts)] if texts else []
-
-
-def _rate_in_words(rate: Capacity | str) -> str:
-    if isinstance(rate, str):
-        return "the link's rate"
-    queue = rate.queue
-    bounds = [f"{queue.max_packets} messages"] if queue.max_packets < MAX_COUNT else []
-    bounds += [] if queue.max_bytes is None else [f"{queue.max_bytes} bytes"]
-    kind = f"{_queue_kind(queue)}, target {queue.target_ms:g} ms," if isinstance(queue, CoDel) else _queue_kind(queue)
-    of = f" of {' or '.join(bounds)}" if bounds else " without a bound"
-    overhead = f", {rate.overhead_bytes} bytes on top of each" if rate.overhead_bytes else ""
-    full = ", senders wait while it is full" if rate.backpressure else ""
-    return f"rate {_capacity(rate)} ({kind}{of}{overhead}{_cross_in_words(rate.cross)}{full})"
-
-
-def beside_delay(pipeline: Pipeline) -> list[str]:
-    """Return in words the stages of a pipeline beside delay, jitter and loss, as the queue of its rate."""
-    rate = pipeline.rate
-    found = [name for name in _BY_NAME if getattr(pipeline, name) is not None]
-    if isinstance(rate, str):
-        found.append("the link's queue")
-    elif rate is not None:
-        found.append(f"a {_queue_kind(rate.queue)} at {_capacity(rate)}{_cross_in_words(rate.cross)}")
-    return found
-
-
-def _queue_kind(queue: Queue) -> str:
-    return {"codel": "CoDel queue", "priority": "priority queue"}.get(queue.kind, "queue")
-
-
-def _capacity(rate: Capacity) -> str:
-    return f"opportunities of {rate.opportunities}" if isinstance(rate, RecordedRate) else _bit_rate(rate.kbit_s)
-
-
-def _cross_in_words(cross: Cross | None) -> str:
-    if cross is None:
-        return ""
-    return f", shared with {_bit_rate(cross.kbit_s)} of others, {cross.kind.replace('_', ' and ')}"
-
-
-def _bit_rate(kbit_s: float) -> str:
-    scale, unit = next(((scale, unit) for scale, unit in _BIT_RATES if kbit_s >= scale), (1.0, "kbit/s"))
-    return f"{kbit_s / scale:.6g} {unit}"
-
-
-def _states(network: NetworkPart) -> list[str]:
-    states = network.states
-    if states is None:
-        return []
-    names = "/".join(dict.fromkeys(state.name for state in states.states))
-    if isinstance(states, CycleStates):
-        return [f"states {names} in a cycle of {sum(state.for_s for state in states.states):g} s"]
-    return [f"states {names}"]
-
-
-def _timeline(network: NetworkPart, direction: Direction) -> list[str]:
-    n = sum(entry.direction in (direction, "both") for entry in network.timeline)
-    return [f"timeline of {n}"] if n else []
-
-
-def _rules(network: NetworkPart, direction: Direction) -> list[str]:
-    n = sum(rule.direction in (direction, "both") for rule in network.rules)
-    return [f"{n} rule{'s' if n > 1 else ''}"] if n else []

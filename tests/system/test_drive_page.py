@@ -144,6 +144,13 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         page.get_by_label("Delay, ms").fill("120")
         page.get_by_label("Delay, ms").press("Enter")
         page.get_by_text("Ended: the delay is no longer that of these targets").wait_for()
+        # so is one of another loss, though it does not count yet
+        page.get_by_role("button", name="0 ms", exact=True).click()
+        page.get_by_text("Bring the arm to target 1 of 9").wait_for()
+        page.wait_for_function(_DELAY_IS, arg="0")
+        page.get_by_label("Loss, %").fill("80")
+        page.get_by_label("Loss, %").press("Enter")
+        page.get_by_text("Ended: the network was changed").wait_for()
         page.get_by_role("button", name="Stop the arms").click()
         page.locator("#touching").wait_for(state="hidden")
         page.get_by_role("button", name="Release").click()

@@ -56,7 +56,9 @@ class Change(Stages):
     scale_delay: Annotated[float, Field(ge=0, le=1000)] = Field(1.0, description="Factor on each drawn delay.")
     add_delay_ms: Milliseconds = Field(0.0, description="Delay added to each message, after the factor, in ms.")
     add_p_loss: Probability = Field(
-        0.0, description="Probability of an additional loss, 0 to 1, independent of the pipeline's losses."
+        0.0,
+        description="Probability of an additional loss, 0 to 1, independent of the pipeline's losses, and of whole "
+        "messages also where those are of packets (mtu_bytes).",
     )
 
     @model_validator(mode="after")

@@ -18,7 +18,7 @@ from tis.deploy.compare.results.orientation_rows import orientation_rows
 from tis.deploy.compare.results.pooled import person, pooled, rivalries
 from tis.deploy.present.numbers import number
 from tis.deploy.report.subjects.accuracy import MAX_WITHOUT_ESTIMATE
-from tis.netem.expected.figures import synopsis
+from tis.netem.expected.synopsis import synopsis
 
 # Axes of a comparison whose values are numbers: these can be drawn to scale and stored as numbers.
 

@@ -24,7 +24,7 @@ from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.ticks import active_duration_s
 from tis.deploy.report.subjects.tracking import Array, HandTrack, aligned
 from tis.netem.control.replay import changes_from_notes
-from tis.netem.expected.figures import beside_delay
+from tis.netem.expected.synopsis import beside_delay
 
 _SHORTEST_S: Final = 0.5
 """A shorter stretch is left out, as between the reset and the delay that a task of the live page asks for."""

@@ -15,6 +15,7 @@ from tests.deploy.watch.test_forces import _shown, _wrench
 from tis.common.device import DevicePose, TargetRun
 from tis.common.messages import SafetyMode
 from tis.common.scenario.control import DirectionState, EmulatorState
+from tis.common.scenario.network.conditions import Change, TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.units import NS_PER_S
 from tis.deploy.report.subjects.touch import loop_of, predicted_limit
@@ -177,9 +178,10 @@ def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "unreached": False, "network": False,
-        "changed_s": 0.0, "left_s": None, "loop": None, "arm_path": [],
+        "left_s": None, "loop": None, "arm_path": [],
         "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
-        "yields": False, "set": {"delay": [None, None], "loss": [None, None]}, "queues": False, "settles": False,
+        "yields": False, "set": {"at_s": None, "delay": [None, None], "loss": [None, None]}, "queues": False,
+        "settles": False,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}
@@ -340,9 +342,11 @@ def test_a_page_is_told_what_netem_is_set_to_where_one_number_tells_it() -> None
     plain = _way({"delay": {"kind": "constant", "delay_ms": 50}, "loss": {"kind": "bernoulli", "p_loss": 0.07}})
     other = _way({"delay": {"kind": "uniform", "low_ms": 1, "high_ms": 9}})
     assert set_now(EmulatorState(running=True, forward=plain, feedback=other)) == {
-        "delay": [50.0, None], "loss": [7.0, 0.0],
+        "at_s": None, "delay": [50.0, None], "loss": [7.0, 0.0],
     }  # fmt: skip
-    assert set_now(None) == {"delay": [None, None], "loss": [None, None]}
+    assert set_now(None) == {"at_s": None, "delay": [None, None], "loss": [None, None]}
+    changed = [plain.model_copy(update={"added": (TimelineEntry(at_s=at_s, set=Change()),)}) for at_s in (3.5, 8.25)]
+    assert set_now(EmulatorState(running=True, forward=changed[1], feedback=changed[0]))["at_s"] == 8.25
     assert not queues(EmulatorState(running=True, forward=plain, feedback=other))
     assert queues(EmulatorState(running=True, forward=plain, feedback=_way({"rate": {"kbit_s": 900}})))
 

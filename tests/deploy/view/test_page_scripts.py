@@ -78,22 +78,41 @@ def _targets(page: "Page") -> list[list[float]]:
     return found
 
 
-def test_a_task_that_counts_is_spoilt_by_a_stop_and_by_a_change_of_the_network(page: "Page") -> None:
+def test_a_task_is_spoilt_by_a_change_of_the_network_and_once_it_counts_by_a_stop(page: "Page") -> None:
     """Its row names a delay alone: an outage, a loss or a stop within it would stand there as that delay's."""
-    words = """([first, seen]) => {
-      const { begin, step, spoilt } = window.touchTask
-      let task = begin([10, 20], { delay_ms: 100, ghost: false })
-      const before = spoilt(task, seen)
-      for (const at_ms of [0, 300]) task = step(task, at_ms, first, 3.5)
-      return [before, spoilt(task, seen)]
+    words = """([first, n_ms, messages]) => {
+      const { begin, step, noted, spoilt } = window.touchTask
+      let task = begin([10, 20], { delay_ms: 100, ghost: false }, 3)
+      for (const at_ms of n_ms) task = step(task, at_ms, first)
+      return messages.map((seen) => spoilt(task = noted(task, seen.set), seen))
     }"""
     first = _targets(page)[0]
-    for seen, why in (
-        ({"stopped": False, "changed_s": 3.5}, ""),
-        ({"stopped": True, "changed_s": 3.5}, "the arms were stopped"),
-        ({"stopped": False, "changed_s": 4.2}, "the network was changed"),
-    ):
-        assert page.evaluate(words, [first, seen]) == ["", why]
+
+    def found(counts: bool, *messages: tuple[float | None, float | None, float | None, bool]) -> list[str]:
+        seen = [
+            {"set": {"at_s": at_s, "delay": [delay, delay], "loss": [loss, loss]}, "stopped": stopped}
+            for at_s, delay, loss, stopped in messages
+        ]
+        told: list[str] = page.evaluate(words, [first, [0, 300] if counts else [], seen])
+        return told
+
+    other, changed = "Ended: the delay is no longer", "Ended: the network was changed"
+    clean = (3.5, 50.0, 0.0, False)
+    for counts in (False, True):
+        for then, why in (
+            ((3.5, 50.0, 0.0, True), "Ended: the arms were stopped" if counts else ""),
+            ((4.2, 50.0, 80.0, False), changed),
+            ((4.2, 150.0, 0.0, False), other),
+            ((4.2, None, 0.0, False), other),  # a profile
+            ((None, 90.0, 0.0, False), other),  # a reset
+            ((None, None, None, False), ""),  # netem does not answer, as at the end of the run
+        ):
+            [before, after] = found(counts, clean, then)
+            assert before == ""
+            assert after.startswith(why)
+            assert bool(after) == bool(why)
+    # what was set before the click may be the same delay
+    assert found(False, (1.0, 50.0, 20.0, False), (3.5, 50.0, 0.0, False)) == ["", ""]
 
 
 def test_the_targets_lie_on_a_ring_each_across_from_the_last(page: "Page") -> None:

@@ -113,7 +113,8 @@ def test_it_names_a_queue_and_what_else_there_is_beside_the_delay() -> None:
     state = EmulatorState(running=True, forward=way.model_copy(update={"now": now, "stall": True}), feedback=way)
     text = _plain(state_html(state))
     assert (
-        "stall, nothing leaves; delay 10 ms; jitter none; loss none; duplicate; a queue at 3 Mbit/s, shared" in text
+        "stall, nothing leaves; delay 10 ms; jitter none; loss none; duplicate 10 %; a queue at 3 Mbit/s, shared"
+        in text
     )
     assert "3.6 Mbit/s of others, on and off" in text
 

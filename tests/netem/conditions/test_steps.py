@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from tis.common.scenario.network import NetworkPart
 from tis.netem.conditions.conditions import Conditions
 from tis.netem.conditions.steps import levels_ms
-from tis.netem.expected.figures import direction_figures, synopsis
+from tis.netem.expected.figures import direction_figures
 from tis.netem.expected.simulate import simulate
+from tis.netem.expected.synopsis import synopsis
 
 MS = 1_000_000
 UNIFORM = {"kind": "uniform", "low_ms": 10, "high_ms": 30}

@@ -7,7 +7,8 @@ import pytest
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.capacity import MAX_COUNT
 from tis.deploy.net.profiles import find_profile
-from tis.netem.expected.figures import direction_figures, synopsis
+from tis.netem.expected.figures import direction_figures
+from tis.netem.expected.synopsis import synopsis
 
 SLOW: Final = {"delay": {"kind": "constant", "delay_ms": 40}}
 STATES: Final = {
@@ -32,6 +33,40 @@ STATES: Final = {
         (
             {"forward": SLOW, "states": STATES},
             ("delay 42 ms, sd 3.46 as drawn, states good/bad in a cycle of 4 s", "states good/bad in a cycle of 4 s"),
+        ),
+        (
+            {
+                "forward": {"loss": {"kind": "bernoulli", "p_loss": 0.0001, "mtu_bytes": 500}},
+                "feedback": {"loss": {"kind": "bernoulli", "p_loss": 0.1, "mtu_bytes": 500}},
+                "states": {
+                    "kind": "cycle",
+                    "states": [
+                        {"name": "good", "for_s": 1},
+                        {"name": "bad", "for_s": 1, "forward": {"add_p_loss": 0.2}},
+                    ],
+                },
+            },  # what states add concerns messages, whatever their size
+            (
+                "loss 0.01 % of each packet of 500 bytes, and by states 10 % of each whole message, "
+                "states good/bad in a cycle of 2 s",
+                "loss 10 % of each packet of 500 bytes, states good/bad in a cycle of 2 s",
+            ),
+        ),
+        (
+            {
+                "forward": {
+                    "ordering": "reorder",
+                    "duplicate": {"p_duplicate": 0.03},
+                    "corrupt": {"p_corrupt": 0.02},
+                    "reorder": {"p_reorder": 0.25},
+                    "delay": {"kind": "constant", "delay_ms": 40},
+                },
+                "feedback": {"ordering": "drop_late"},
+            },
+            (
+                "delay 40 ms, sd 0, duplicate 3 %, corrupt 2 %, reorder 25 %, messages overtake (ordering reorder)",
+                "overtaken ones dropped (ordering drop_late)",
+            ),
         ),
         (
             {"timeline": [{"at_s": 1, "set": {}}, {"at_s": 2, "direction": "forward", "set": {"outage": True}}]},

@@ -13,8 +13,9 @@ from tests.netem.making import KEY, link, scenario
 from tis.common.records import FateBatch, ReleaseBatch
 from tis.common.scenario.network import NetworkPart
 from tis.netem.build import build_links
-from tis.netem.expected.figures import direction_figures, synopsis
+from tis.netem.expected.figures import direction_figures
 from tis.netem.expected.simulate import simulate
+from tis.netem.expected.synopsis import synopsis
 from tis.netem.link.link import Link
 from tis.netem.link.packet import Packet
 

@@ -144,7 +144,9 @@ _SHARES_ABOVE: Final = (0.45, 0.04, 0.01, 0.0)  # from the 50th, 95th and 99th p
 _SHARES_BELOW: Final = (0.5, 0.45, 0.04, 0.01)
 _LATE: Final = "left later than decided, by the release error"
 _WAITING: Final = "waited for earlier ones, in their order (fifo) or in a queue"
-_WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
+_WITHOUT_CHANGES: Final = (
+    "*: without outages, steps and the changes by states, timeline or while running, which the others have"
+)
 
 
 def delay_table(links: Links, requested: str = "by the scenario") -> Table:

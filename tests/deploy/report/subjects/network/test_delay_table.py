@@ -118,7 +118,7 @@ def test_what_changes_came_upon_is_marked_and_said_once() -> None:
     rows, notes = _rows(forward=link, feedback=link)
     marked = [row[0] for row in rows if "*" in row[0]]
     assert marked == ["forward requested*, ms", "feedback requested*, ms"]
-    assert notes.count("; *: without the changes by ") == 1
+    assert notes.count("; *: without outages, steps and the changes by ") == 1
 
 
 def test_messages_that_waited_for_earlier_ones_are_told() -> None:
