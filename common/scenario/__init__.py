@@ -174,7 +174,7 @@ class Scenario(Part):
             ),
             "duration_s must contain at least one sample at rate_hz": self.n_samples >= 1,
             f"duration_s must contain at most {_MAX_SAMPLES} samples at rate_hz": self.n_samples <= _MAX_SAMPLES,
-            "patient.tick_phase_ms must be less than one period of rate_hz": (
+            f"patient.tick_phase_ms must be less than one period of rate_hz, as {500 / self.rate_hz:g} is": (
                 self.patient.tick_phase_ms * self.rate_hz < 1000
             ),
             "hosts must be endpoints like tls/192.168.1.5:7447 with security mtls": (

@@ -198,7 +198,7 @@ TopicOption = Annotated[
         "--topic",
         metavar="DEVICE=TOPIC",
         help="Poses of MTML, MTMR, PSM1 or PSM2, of TF /tf:PARENT:CHILD; "
-        "by default CRTK's names, or the only one there is.",
+        "those named are all that are read. By default CRTK's names, or the only one there is.",
     ),
 ]
 JawOption = Annotated[

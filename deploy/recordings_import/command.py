@@ -237,8 +237,11 @@ def import_recording(
         escape(f"{out_file}: {len(rows.t_s)} rows of {devices}, {rows.t_s[-1]:.3f} s at {rows.rate_hz:g} a second"),
         soft_wrap=True,
     )
-    if not {device.name for device in rows.devices} - set(MASTERS):
-        out.print("no arm was recorded: it is taken to follow the hand exactly", highlight=False)
+    there = {device.name for device in rows.devices}
+    if not there - set(MASTERS):
+        out.print("no arm is among them: it is taken to follow the hand exactly", highlight=False)
+    if there.isdisjoint(MASTERS):
+        out.print("no master is among them: the arm's pose is taken for its command", highlight=False)
     for line in next_commands(out_file, columns):
         out.print(escape(line), soft_wrap=True, highlight=False)
     return EXIT_OK

@@ -55,7 +55,8 @@ def on_one_clock(found: Found, rate_hz: float | None, where: str) -> Rows:
     if same and (rate_hz is None or abs(rate_hz / own_hz - 1.0) < 1e-4):
         t_s = (shared - shared[0]) / NS_PER_S
         notes += _gaps(shared, streams[0].origin)[1]
-        notes.append(f"all have the same {len(shared)} instants, which are kept")
+        whose = "its" if len(all_ns) == 1 else "all have the same"
+        notes.append(f"{whose} {len(shared)} instants{', which' if len(all_ns) > 1 else ''} are kept")
         if rate_hz is None:
             rate_hz = _whole(own_hz)
         grid_s = np.arange(len(t_s)) / rate_hz
