@@ -45,6 +45,17 @@ def summarise(
     return result
 
 
+def median(values: ArrayLike) -> float:
+    """Return the ``p50`` of `summarise`: the lower of two in the middle; raises `ValueError`.
+
+    Oracle: `statistics.median_low`, test_percentiles.
+    """
+    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=None)
+    if not len(ordered):
+        raise ValueError("no values have no median")
+    return float(ordered[(len(ordered) - 1) // 2])
+
+
 def uncertainties(
     values: ArrayLike,
     uncertainty: ArrayLike,

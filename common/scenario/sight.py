@@ -5,7 +5,7 @@ from typing import Final, Literal, Self
 from pydantic import Field, model_validator
 
 from tis.common.scenario.base import NonNegative, Part
-from tis.common.units import ms_to_ns, sample_index, sample_instant_ns
+from tis.common.units import NS_PER_S, ms_to_ns, sample_index, sample_instant_ns
 
 CELL: Final = 16
 """Side of a stamp's cell, in pixels, of which width and height are multiples."""
@@ -104,6 +104,10 @@ class SightPart(Part):
     def last_frame(self, t_ns: int) -> int:
         """Return the highest number that a frame may have at a run time."""
         return sample_index(t_ns, self.fps * (2 if self.is_external else 1)) + 1
+
+    def n_due(self, until_ns: int) -> int:
+        """Return how many frames are captured before a run time, in ns."""
+        return max(0, ((until_ns - ms_to_ns(self.camera_phase_ms)) * self.fps - 1) // NS_PER_S + 1)
 
     def captured_ns(self, frame: int) -> int:
         """Return the run time at which a frame is captured, in ns."""

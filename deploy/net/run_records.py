@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from tis.common.channels import Direction
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.percentiles import median, summarise
 from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario.faults import faults
 from tis.common.scenario.network import NetworkPart
@@ -235,7 +235,7 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         overtaken=float(np.mean(leaves_ns < np.maximum.accumulate(leaves_ns))) if len(leaves_ns) else 0.0,
         n_dropped_late=int(np.count_nonzero(through & (left == _LATE))),
         n_copied=int(fates.copies[through].sum()),
-        flips=Flips(len(flips), int(np.median(flips)) if len(flips) else 0),
+        flips=Flips(len(flips), int(median(flips)) if len(flips) else 0),
         left_out=tuple(left_out),
         drawn=True,
     )

@@ -51,6 +51,7 @@ WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
     ),
     lambda s: devices.device_texts(s.devices, s.external_arms),
     lambda s: devices.camera_texts(s.external_camera),
+    lambda s: sight_tables.sight_texts(s.sight),
     lambda s: intrusion.refusal_texts(s.refused),
     lambda s: own_estimators.estimator_fault_texts(
         {

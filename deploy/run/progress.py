@@ -19,6 +19,8 @@ from tis.deploy.watch.book import WINDOW_S
 from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
 
 _LINE_EVERY_S: Final = 5.0
+_BEHIND_S: Final = 2.0
+_BEHIND: Final = "the observer is behind: the machine is busy, and the run's own figures come at its end"
 _REFRESH_HZ: Final = 4
 _STATE_STYLES: Final[Mapping[str, str]] = {"running": "green", "ready": "green", "done": "green", "failed": "red"}
 _MAX_WIDTH: Final = 88
@@ -106,10 +108,15 @@ class RunProgress:
         """Return the counts and, on a second line, the last figures; what is longer than 80 columns goes on below."""
         counts = self._counts()
         shown = "  ".join(f"{name} {counts[name]}" for name in _ON_THE_LINE)
-        line, figures = f"{self._now_s:4.0f}/{self._duration_s:g} s  {shown}", _brief(self._look())
+        line, found = f"{self._now_s:4.0f}/{self._duration_s:g} s  {shown}", self._look()
+        figures = _brief(found) if self._is_timely(found) else _BEHIND
         over = "so far" if self._now_s < WINDOW_S else f"last {WINDOW_S} s"
         lines = [line, f"  {over}: {figures}"] if figures else [line]
         return "\n".join(fill(each, _LINE_WIDTH, subsequent_indent="    ") for each in lines)
+
+    def _is_timely(self, found: LiveFigures) -> bool:
+        """Tell whether the observer has come to these seconds, or, on a busy machine, still reads earlier ones."""
+        return not found.now_s or self._now_s - found.now_s <= _BEHIND_S
 
     def _counters(self) -> dict[Side, dict[str, int] | None]:
         """Return each side's counters, none later than those of the side before it.
@@ -161,7 +168,8 @@ class RunProgress:
             style = _STATE_STYLES.get(state, "yellow")
             sides.add_row(side, Text(state, style=style), "" if its is None else "  ".join(words))
         figures = Table.grid(padding=(0, 2))
-        for name, text in figure_texts(self._look()).items():
+        found = self._look()
+        for name, text in (figure_texts(found) if self._is_timely(found) else {"not shown": _BEHIND}).items():
             figures.add_row(name, text)
         bar = Table.grid(expand=True)  # a bare ProgressBar does not end its line
         bar.add_row(ProgressBar(total=self._duration_s, completed=self._now_s))

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from tis.common.metrics.percentiles import median
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.watch.arms import DisplayRow
 from tis.deploy.watch.book import LiveBook
@@ -31,7 +32,7 @@ def late_ms(book: LiveBook, arm: str | None) -> float | None:
         return None
     if is_frozen(book):
         return rows[-1].late_ns / NS_PER_MS
-    return float(np.median([row.late_ns for row in _new(rows) or rows[-1:]])) / NS_PER_MS
+    return median([row.late_ns for row in _new(rows) or rows[-1:]]) / NS_PER_MS
 
 
 def network_ms(book: LiveBook, arm: str | None) -> float | None:
@@ -54,8 +55,8 @@ def network_ms(book: LiveBook, arm: str | None) -> float | None:
     # the command that was sent with the sample, and the last answer that had arrived
     command = np.searchsorted(sent_ns, [row.command_ns for row in new]).clip(max=len(sent_ns) - 1)
     answer = np.searchsorted(arrived_ns, [row.t_ns for row in new], side="right") - 1
-    late_ns = np.median([row.late_ns for row in new])
-    both_ns = np.median(there_ns[command] + back_ns[answer.clip(min=0)])
+    late_ns = median([row.late_ns for row in new])
+    both_ns = median(there_ns[command] + back_ns[answer.clip(min=0)])
     return round(float(min(late_ns, both_ns)) / NS_PER_MS, 1)
 
 

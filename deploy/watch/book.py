@@ -212,7 +212,13 @@ class LiveBook:
             [row.age_ms for row in ages],
         )
         gap_max_ms = max((_gap_ms(trail, begin_ns) for trail in self.ages.values()), default=None)
-        return replace(found, gap_max_ms=gap_max_ms, silent_s=silent_s, display_silent_s=display_silent_s)
+        return replace(
+            found,
+            gap_max_ms=gap_max_ms,
+            silent_s=silent_s,
+            display_silent_s=display_silent_s,
+            now_s=self.now_ns / NS_PER_S,
+        )
 
     def _silence_s(self, fresh_ns: int) -> float | None:
         """Return the time since ``fresh_ns``, in s; None where that is not long, or nothing ever arrived."""

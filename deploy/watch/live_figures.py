@@ -54,6 +54,8 @@ class LiveFigures:
     """Time for which no command has reached the patient, in s; None where that is not long."""
     display_silent_s: float | None = None
     """The same of answers that reach the surgeon's display."""
+    now_s: float = 0.0
+    """Run time of the newest message that the observer has taken, in s; 0: it has taken none."""
     unseen_pct: float = 0.0
     """Share of the packets that the observer did not see on their network of origin, in percent."""
 

@@ -7,6 +7,7 @@ from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
 from tis.common.channels import Direction
+from tis.common.metrics.percentiles import median
 from tis.common.units import NS_PER_S
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
@@ -61,8 +62,7 @@ def _caption(used: Mapping[Direction, LinkColumns], has_shades: bool) -> str:
         "queue; otherwise they coincide. A red stroke on the ground line is a message that was lost. "
     )
     parts = [
-        f"{direction}: median {number(float(np.median(link.realised_ms)))} ms, max "
-        f"{number(float(link.realised_ms.max()))} ms"
+        f"{direction}: median {number(median(link.realised_ms))} ms, max {number(float(link.realised_ms.max()))} ms"
         for direction, link in used.items()
         if len(link.realised_ms)
     ]

@@ -13,6 +13,7 @@ from bokeh.plotting import figure
 from numpy.typing import ArrayLike
 
 from tis.common.channels import Direction
+from tis.common.metrics.percentiles import median
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import counted, number
 from tis.deploy.present.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
@@ -44,7 +45,7 @@ def distribution_figure(
     if not curves:
         return None
     values = {name: np.asarray(curve.values) for name, curve in curves.items() if name.endswith(told)}
-    medians = ", ".join(f"{name} {number(float(np.median(each)))} {unit}" for name, each in values.items())
+    medians = ", ".join(f"{name} {number(median(each))} {unit}" for name, each in values.items())
     limit = "" if limit_ms is None else " The dashed line is the limit for the p99 of the end-to-end latency."
     return style.Figure(
         plots=(cdf(curves, label, limit_ms, unit),),
@@ -211,7 +212,7 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
         colour = DIRECTIONS[direction].light
         line = fig.step("value", "above", source=source, mode="after", line_color=colour, line_width=2)
         style.hover(fig, line, ("later than", "@value{0} \u00b5s"), ("share", "@above %"))
-    medians = ", ".join(f"{d}: median {np.median(e):.0f} \u00b5s" for d, e in used.items())
+    medians = ", ".join(f"{d}: median {median(e):.0f} \u00b5s" for d, e in used.items())
     return style.Figure(
         plots=(fig,),
         title="Release error",

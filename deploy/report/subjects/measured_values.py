@@ -7,7 +7,7 @@ from typing import NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import Direction
+from tis.common.channels import VIDEO, Direction
 from tis.common.metrics.delay_variation import packet_delay_variation_ns
 from tis.common.metrics.latency import Instants, LatencyParts
 from tis.common.scenario import Scenario
@@ -25,7 +25,7 @@ from tis.deploy.report.subjects.tracking import HandTrack
 
 
 class OneWay(NamedTuple):
-    """The one-way columns of all keys of a direction.
+    """The one-way columns of all keys of a direction but that of the picture, which has figures of its own.
 
     Of the A messages that arrived, key by key in order of sending: ``sent_ns`` (A,) is the instant of sending,
     ``one_way_ns`` (A,) the one-way delay from the call that sends to the stamp of the first arrival (RFC 7679), and
@@ -51,6 +51,8 @@ class OneWay(NamedTuple):
         refused = refused_arrivals(logs, direction, session)
         left_ns, delays_ns, variations_ns, lost, sent_ns = [], [], [], [], []
         for key, (out, back) in both_ends(logs, direction, session).items():
+            if key == VIDEO.key(session):
+                continue
             logged = out.at(~gaps.affect(out.sent_ns))
             # duplicates: the first arrival counts (RFC 7679)
             arrived = all_arrivals(out, back, refused.get(key)).first_of_each("seq")

@@ -58,6 +58,12 @@ class Pictures:
         return self.seen.shown_ns.astype(np.int64)
 
     @cached_property
+    def screen_ns(self) -> Ints:
+        """Return how long after its last message each of `seen` that came whole was shown."""
+        whole = self.seen.state == "complete"
+        return np.asarray(self.shown_ns[whole] - self.seen.last_ns[whole].astype(np.int64))
+
+    @cached_property
     def stamped(self) -> NDArray[np.bool_]:
         """Mark those of `seen` whose stamps agree with each other, and of our camera name a frame that was sent."""
         one = self.seen

@@ -75,6 +75,12 @@ class SightFigures(Section):
         "filled gaps; `torn`, stamps contradict each other (absent without stamps); `undecodable`; `lost`, nothing "
         "arrived."
     )
+    frames_due: int | None = means("Frames that our camera had to capture in this time; `null` of an external one.")
+    screen_ms: Statistics = statistics(
+        "From the arrival of a frame's last message to the refresh that showed it, of frames that came whole: "
+        "decoding and waiting, at a side that may be too busy for either.",
+        LATE,
+    )
     pictures: int = means("Frames that the screen showed; of those of one refresh the newest.")
     incomplete_pct: float | None = means("Frames of which not all messages arrived.")
     decodable_pct: float | None = means("Frames that arrived whole, and so did all frames that they refer to.")
@@ -126,6 +132,8 @@ def _figures(found: Pictures, logs: RunLogs, scenario: Scenario, arms: Mapping[H
     refreshed = scenario.sight is not None and scenario.sight.codec == "h264" and scenario.sight.intra_refresh
     figures: dict[str, Any] = {
         "frames": {"sent": n, **{state: k for state, k in counts.items() if state != "torn" or found.has_stamps}},
+        "frames_due": None if found.is_external or scenario.sight is None else scenario.sight.n_due(found.until_ns),
+        "screen_ms": summarise(found.screen_ns / NS_PER_MS),
         "pictures": len(found.seen),
         "incomplete_pct": 100.0 * float(np.mean(found.arrived < camera.n_fragments)),
         "decodable_pct": 100.0 * counts["complete"] / n,

@@ -62,6 +62,22 @@ def answer_text(sight: SightFigures) -> str:
     )
 
 
+_LEAST_SENT: Final = 0.9
+_LATE_SCREEN_MS: Final = 100.0
+
+
+def sight_texts(sight: SightFigures | None) -> list[str]:
+    """Return a sentence where camera or screen had too little of a processor to show the network alone."""
+    if sight is None:
+        return []
+    sent, due, shown_ms = sight.frames["sent"], sight.frames_due, sight.screen_ms["p50"]
+    found = [f"the camera sent {sent} of {due} frames"] if due is not None and sent < _LEAST_SENT * due else []
+    if shown_ms is not None and shown_ms > _LATE_SCREEN_MS:
+        found.append(f"a picture was shown {number(shown_ms)} ms after it had arrived (median)")
+    whose = "what was seen is of this machine too, not of the network alone"
+    return [f"the picture was starved: {', and '.join(found)}; {whose}"] if found else []
+
+
 def sight_tables(sight: SightFigures | None, bounds: Statistics) -> list[Table]:
     """Return the figures of the picture, and those of touch beside it; none without sight.
 
@@ -91,6 +107,7 @@ def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:
         ("not all of them arrived", _beside(sight.incomplete_pct, sight.expected_incomplete_pct)),
         *([] if HAND_TO_EYE in sight.not_measured else [("hand to eye", _spread(sight.hand_to_eye_ms))]),
         ("glass to glass", _spread(sight.glass_to_glass_ms, bounds)),
+        ("arrived to shown", _spread(sight.screen_ms)),
         ("freezes", _freezes(sight)),
         ("pictures per s", number(sight.pictures_per_s)),
         ("bit rate", number(sight.kbit_s, " kbit/s")),

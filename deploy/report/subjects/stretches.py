@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Arm, Channel, Direction, Hand, hand_channels
 from tis.common.device_records import TARGET_RUNS
+from tis.common.metrics.percentiles import median
 from tis.common.records import CONTACTS, CONTROL, ControlNote
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S, s_to_ns
@@ -172,7 +173,7 @@ def _stretch(
         loss_pct=lost_pct,
         beside=beside,
         moved_s=np.count_nonzero(moving) / rate_hz,
-        late_ms=1000.0 * float(np.median(late_s)) if len(late_s) else None,
+        late_ms=1000.0 * median(late_s) if len(late_s) else None,
         rmse_3d_mm=None if squares is None else MM_PER_M * squares**0.5,
     )
 

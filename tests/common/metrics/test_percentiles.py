@@ -1,11 +1,12 @@
 from fractions import Fraction
+from statistics import median_low
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.common.metrics.percentiles import is_resolvable, queue_depth, summarise, uncertainties
+from tis.common.metrics.percentiles import is_resolvable, median, queue_depth, summarise, uncertainties
 
 
 def edf_percentile(values: list[float], p: Fraction) -> float:
@@ -33,6 +34,13 @@ def test_names_and_order_are_those_asked_for() -> None:
 
 def test_nothing_is_interpolated() -> None:
     assert summarise([0.0, 1000.0], (50,), ())["p50"] == 0.0
+
+
+@given(st.lists(st.floats(-1e9, 1e9), min_size=1, max_size=20))
+def test_a_median_in_words_is_the_p50_of_the_tables(values: list[float]) -> None:
+    assert median(values) == median_low(values) == summarise(values, (50,), ())["p50"]
+    with pytest.raises(ValueError, match="no values"):
+        median([])
 
 
 def test_empty_is_null_and_not_nan() -> None:

@@ -124,6 +124,18 @@ def test_plain_lines_have_the_figures_too() -> None:
     ]
 
 
+def test_figures_of_long_ago_are_not_told_as_the_last_ones() -> None:
+    """On a busy machine the observer reads on while the run goes on."""
+    found = LiveFigures(end_to_end_p50_ms=52.2, end_to_end_p99_ms=52.8, now_s=7.0)
+    for now_s, is_told in ((8, True), (31, False)):
+        out = io.StringIO()
+        progress = RunProgress(Console(file=out, width=80), 60, look=lambda: found)
+        _at(progress, "patient", now_s, received=7)
+        text = " ".join(out.getvalue().split())
+        assert ("latency p50 52.2" in text) == is_told
+        assert ("the observer is behind" in text) != is_told
+
+
 def test_80_columns_hold_a_line_however_large_its_numbers() -> None:
     """An hour of two hands at 1 kHz, most of it lost, seconds late and decimetres off."""
     out = io.StringIO()

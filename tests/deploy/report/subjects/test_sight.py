@@ -18,7 +18,7 @@ from tis.deploy.report.plots.sight import by_second
 from tis.deploy.report.subjects.pictures import Pictures
 from tis.deploy.report.subjects.requirements import Measured, verdicts
 from tis.deploy.report.subjects.sight import SightFigures, sight_summary
-from tis.deploy.report.subjects.sight_tables import answer_text, sight_tables, sight_text
+from tis.deploy.report.subjects.sight_tables import answer_text, sight_tables, sight_text, sight_texts
 from tis.deploy.run.resolve import resolve
 
 Measurements = dict[tuple[Metric, Direction | None], Measured]
@@ -84,6 +84,18 @@ def test_frames_are_counted_by_what_became_of_them() -> None:
     assert found.kbit_s == pytest.approx(160.0)
     for text in (sight_text(found), answer_text(found)):
         assert "37.5" in text
+
+
+def test_a_starved_camera_or_screen_is_told() -> None:
+    """What waits at the surgeon's side, and what is not captured, is no network."""
+    of = scenario().model_copy(update={"duration_s": 1.2})  # 12 frames
+    whole, some = [camera(n) for n in range(12)], [camera(n) for n in range(0, 12, 2)]
+    calm = figures(logs(whole, [screen(n) for n in range(12)]), of)
+    assert (calm.frames_due, calm.screen_ms["p50"]) == (12, 14.0)
+    assert sight_texts(calm) == sight_texts(None) == []
+    late = [screen(n, shown_ns=n * FRAME + 731 * MS) for n in range(0, 12, 2)]
+    [text] = sight_texts(figures(logs(some, late), of))
+    assert "the camera sent 6 of 12 frames, and a picture was shown 700.0 ms after it had arrived (median);" in text
 
 
 def test_hand_to_eye_is_read_from_the_stamps_and_not_from_headers() -> None:

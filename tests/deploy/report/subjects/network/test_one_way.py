@@ -1,6 +1,7 @@
 from pathlib import Path
 
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, answer, message, write_log, write_run
+from tis.common.channels import VIDEO
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.subjects.measured_values import OneWay
 
@@ -38,3 +39,14 @@ def test_answers_go_the_other_way_and_without_a_log_nobody_knows(tmp_path: Path)
     alone.mkdir()
     write_log(alone, "patient", [answer(0, 20, 0)])
     assert OneWay.of(load_run(alone), "feedback", "tis") is None
+
+
+def test_the_picture_is_judged_by_its_own_figures(tmp_path: Path) -> None:
+    """A busy screen takes its messages late; no force of the same network is."""
+    picture = [message(VIDEO.key("tis"), seq, 20, log_ms=log_ms) for seq, log_ms in enumerate((None, 500))]
+    logs = write_run(
+        tmp_path, surgeon=[answer(0, 20, 0, log_ms=29), picture[1]], patient=[answer(0, 20, 0), *picture]
+    )
+    found = OneWay.of(logs, "feedback", "tis")
+    assert found is not None
+    assert (found.one_way_ns.tolist(), found.lost.tolist()) == ([9 * MS], [False])
