@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from tis.common.estimators import scenario_name
 from tis.common.runtime.recordings import load_recording
 from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import HandRecording
@@ -23,7 +24,7 @@ from tis.deploy.studies.methods.plans import ALL, Measure
 from tis.deploy.studies.methods.trials import DELAY_MS, Extent
 from tis.patient_side.estimators.guarded import build_any
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.models import models_for
+from tis.patient_side.models import factories, models_for, own_estimators
 
 # Highest rate of ticks that measured steps keep up with.
 
@@ -108,8 +109,9 @@ def stepped(method: str, measure: Measure, setting: str, scenario: Scenario, mod
     filled = with_models(scenario, model_file)
     recording = load_recording(filled)
     models = models_for(filled, recording)
+    name, own = scenario_name(method), factories(own_estimators(filled))  # a study's are as those of a user
     hands = tuple(
-        (build_any(method, model, {}), _samples(hand)) for model, hand in zip(models, recording.hands, strict=True)
+        (build_any(name, model, own), _samples(hand)) for model, hand in zip(models, recording.hands, strict=True)
     )
     return Stepped(method, measure, setting, hands)
 

@@ -1,15 +1,20 @@
 """Times of steps: rounds in turn, medians over them, and rates; no figure of this machine is asserted."""
 
 import io
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from rich.console import Console
 
+from tis.common.estimators import scenario_name
 from tis.deploy.bench.estimators import Samples
+from tis.deploy.run.resolve import resolve
 from tis.deploy.shell.progress import PhaseProgress
+from tis.deploy.studies.methods import steps
 from tis.deploy.studies.methods.plans import ALL
-from tis.deploy.studies.methods.steps import Play, Stepped, play_rounds
+from tis.deploy.studies.methods.steps import Play, Stepped, play_rounds, stepped
 from tis.deploy.studies.methods.trials import Extent
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.estimators.simple import Hold
@@ -73,3 +78,11 @@ def test_a_figure_is_the_median_of_the_rounds_that_have_it() -> None:
     plays = [Play(p50, p50, rate, None, 0.1) for p50, rate in ((5.0, 100.0), (1.0, None), (9.0, 300.0))]
     entry = Stepped("hold", "data", ALL, (), plays)
     assert (entry.figure("p50_us"), entry.figure("rate_hz"), entry.figure("rate_both_hz")) == (5.0, 200.0, None)
+
+
+def test_a_method_that_no_scenario_has_built_in_is_stepped_as_a_user_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steps, "with_models", lambda scenario, _: scenario)
+    estimators = ("active_estimator=hold", f"estimators=[hold, '{scenario_name('paper')}']")
+    settings = ("duration_s=2", "identification.train_samples=300", *estimators)
+    found = stepped("paper", "accuracy", "100", resolve("default", settings, None, None), Path())
+    assert (found.method, len(found.hands)) == ("paper", 1)
