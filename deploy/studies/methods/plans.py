@@ -20,7 +20,8 @@ HOLD: Final = "hold"
 ALL: Final = "all"
 OWN, OTHER_PERSON = "own person", "other person"
 _AT_DELAY: Final = f"network={{forward: {{delay: {{kind: constant, delay_ms: {DELAY_MS:g}}}}}}}"
-_FAST: Final = ("rate_hz=1000", "patient.tick_phase_ms=0.5")
+_FAST_ERROR: Final = ("surgeon.sensor_noise_mm=0.01", "identification.sensor_noise_mm=0.01")  # no sensor is without
+_FAST: Final = ("rate_hz=1000", "patient.tick_phase_ms=0.5", *_FAST_ERROR)
 _FAST_ROWS: Final = 6000
 _FAST_LEARNED_ROWS: Final = 20000
 """Training rows at 1 kHz; learned methods judge forecasts of five seconds on the last third of theirs."""
@@ -107,7 +108,7 @@ def _planned(
     """Return the plan on the last trial of each person, or on ``trials``; several sweeps vary together."""
     place = subject.trials
     folder = "" if place.path is None else f", path: {json.dumps(place.path)}"
-    source = f"source={{kind: jigsaws, task: {place.task}, hands: [left, right], clock: as_recorded{folder}}}"
+    source = f"source={{kind: jigsaws, task: {place.task}, hands: [left, right]{folder}}}"
     request = Request(
         "default",
         (source, *settings),
@@ -181,7 +182,7 @@ def _adaptability(subject: Subject) -> Plan:
 
 def _fast(subject: Subject) -> Plan:
     """Return the plan at 1 kHz, which no recording has: a synthetic hand, with a model of its own first rows."""
-    source = "source={kind: synthetic, hands: [left], recorder_hz: 51.33}"
+    source = "source={kind: synthetic, hands: [left]}"
     names = tuple(dict.fromkeys((HOLD, subject.estimator)))
     n_rows = _FAST_LEARNED_ROWS if is_learned(subject.method) else _FAST_ROWS
     rows = f"identification.train_samples={n_rows}"

@@ -68,7 +68,7 @@ def computed(people: Trials) -> Computed:
         for cell in plan.cells:
             loss = cell.scenario.network.forward.loss
             lossy = loss is not None and loss.kind == "burst" and measure == "loss"
-            disturbed = lossy or cell.scenario.surgeon.sensor_noise_mm > 0
+            disturbed = lossy or cell.scenario.surgeon.sensor_noise_mm > 0.01  # that of the fast hand
             few = measure == "data" and cell.setting == "1"
             elsewhere = measure == "adaptability" and cell.setting != "own person"
             error_m = 0.003 if disturbed or elsewhere else 0.004 if few else 0.002

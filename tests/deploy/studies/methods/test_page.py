@@ -67,7 +67,7 @@ def test_figures_stand_above_their_tables_if_there_are_any() -> None:
     assert text.count("](methods_figures/") == 4
     at = text.index("](methods_figures/accuracy.svg)")
     assert text.index("### Ratio to hold by delay") < at < text.index("| hold | 1.000 (1.000-1.000)")
-    assert "](" not in page_text(told)
+    assert "![" not in page_text(told)
 
 
 def test_without_matplotlib_there_are_no_figures_and_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
