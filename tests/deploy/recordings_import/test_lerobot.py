@@ -93,7 +93,9 @@ def test_an_episode_of_a_set(tmp_path: Path, version: int) -> None:
 def test_units_are_options(tmp_path: Path) -> None:
     folder = lerobot_set(tmp_path / "set", movement(50), 2)
     wanted = Wanted(episode=1, position_unit="mm", gripper_unit="deg")
-    found = read_lerobot(folder, wanted).streams[0]
+    read = read_lerobot(folder, wanted)
+    found = read.streams[0]
+    assert "action -> poses of MTML, position in mm, gripper in deg" in read.notes  # a quaternion has no unit
     metres = read_lerobot(folder, Wanted(episode=1)).streams[0]
     assert found.position_m == pytest.approx(metres.position_m / 1000)
     assert found.gripper_rad == pytest.approx(np.radians(metres.gripper_rad))  # type: ignore[arg-type]
